@@ -1,0 +1,52 @@
+"""Soft shadows of area lights on the CPU.
+
+>>> import softshadow as ss
+>>> scene = ss.Scene()
+>>> bunny = scene.add("bunny.ply")
+>>> camera = ss.Camera(eye=(0, -3, 2), target=(0, 0, 0.5))
+>>> light = ss.RectLight(center=(1, -1, 4), edge_u=(0, 0.8, 0), edge_v=(0.8, 0, 0))
+>>> image = ss.render(scene, camera, light, method="ray_traced")
+
+Conventions: right-handed world space, world units for all sizes, arrays indexed ``[y, x]`` with
+row 0 on top, *visibility* is 1 where fully lit and 0 in the umbra.
+"""
+
+from softshadow import kernels, metrics, mitsuba, plot, scenes
+from softshadow._core import ParameterError, SceneError, UnsupportedError, __version__
+from softshadow.camera import Camera
+from softshadow.compare import Comparison, compare
+from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.methods import Hard, Method, RayTraced, method_names
+from softshadow.render import Image, Prepared, prepare, render, visibility
+from softshadow.scene import Mesh, Scene, Spheres
+
+__all__ = [
+    "Camera",
+    "Comparison",
+    "DiskLight",
+    "Hard",
+    "Image",
+    "Light",
+    "Mesh",
+    "Method",
+    "ParameterError",
+    "Prepared",
+    "RayTraced",
+    "RectLight",
+    "Scene",
+    "SceneError",
+    "SphereLight",
+    "Spheres",
+    "UnsupportedError",
+    "__version__",
+    "compare",
+    "kernels",
+    "method_names",
+    "metrics",
+    "mitsuba",
+    "plot",
+    "prepare",
+    "render",
+    "scenes",
+    "visibility",
+]

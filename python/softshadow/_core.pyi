@@ -1,0 +1,80 @@
+"""Types of the compiled kernels; the documented surface is the package itself."""
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, TypeAlias, final
+
+import numpy as np
+import numpy.typing as npt
+
+_F64: TypeAlias = npt.NDArray[np.float64]
+_F32: TypeAlias = npt.NDArray[np.float32]
+_I32: TypeAlias = npt.NDArray[np.int32]
+_I64: TypeAlias = npt.NDArray[np.int64]
+_Bool: TypeAlias = npt.NDArray[np.bool_]
+_Vec: TypeAlias = Any
+_Progress: TypeAlias = Callable[[float], None] | None
+
+__version__: str
+kernels: ModuleType
+
+class SceneError(ValueError): ...
+class ParameterError(ValueError): ...
+class UnsupportedError(ValueError): ...
+
+@final
+class Light:
+    @staticmethod
+    def rect(center: _Vec, edge_u: _Vec, edge_v: _Vec, radiance: _Vec) -> Light: ...
+    @staticmethod
+    def disk(center: _Vec, normal: _Vec, radius: float, radiance: _Vec) -> Light: ...
+    @staticmethod
+    def sphere(center: _Vec, radius: float, radiance: _Vec) -> Light: ...
+
+@final
+class Camera:
+    def __new__(cls, K: _F64, camera_to_world: _F64, width: int, height: int) -> Camera: ...
+
+@final
+class Method:
+    @staticmethod
+    def hard() -> Method: ...
+    @staticmethod
+    def ray_traced(samples: int, seed: int, pattern: str, cull: bool) -> Method: ...
+
+@final
+class Scene:
+    def __new__(cls) -> Scene: ...
+    def add_mesh(
+        self,
+        name: str,
+        vertices: _F64,
+        faces: _I64,
+        albedo: _Vec,
+        opacity: float,
+        casts: bool,
+        receives: bool,
+    ) -> None: ...
+    def add_spheres(
+        self,
+        name: str,
+        centers: _F64,
+        radii: _F64,
+        albedo: _Vec,
+        opacity: float,
+        casts: bool,
+        receives: bool,
+    ) -> None: ...
+    def set_transform(self, name: str, matrix: _F64) -> None: ...
+    def set_vertices(self, name: str, vertices: _F64) -> None: ...
+
+@final
+class Prepared:
+    @property
+    def seconds(self) -> dict[str, float]: ...
+    def render(self, camera: Camera, progress: _Progress) -> dict[str, Any]: ...
+    def visibility(self, points: _F64, normals: _F64 | None, progress: _Progress) -> _F32: ...
+
+def prepare(
+    scene: Scene, lights: list[Light], method: Method, progress: _Progress
+) -> Prepared: ...

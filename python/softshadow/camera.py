@@ -1,0 +1,153 @@
+"""The pinhole camera.
+
+Pixel ``(x, y)`` is seen along the ray through ``(x + ½, y + ½)``; row 0 is on top. In camera space
+x points right, y down and z forward, as in the pinhole matrix ``K``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from softshadow import _core
+from softshadow.light import Vector, as_vector
+
+
+class Camera:
+    """A pinhole camera that looks from `eye` to `target`.
+
+    Parameters
+    ----------
+    eye, target : array_like, shape (3,)
+        World positions; they must differ.
+    up : array_like, shape (3,)
+        Any direction that is not parallel to the view.
+    fov_y_deg : float
+        Full vertical field of view in degrees, between 0 and 180 (both excluded).
+    width, height : int
+        Image size in pixels.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, the view direction or `up` is degenerate, or a size is not
+        positive.
+    """
+
+    def __init__(
+        self,
+        eye: Vector,
+        target: Vector,
+        up: Vector = (0.0, 0.0, 1.0),
+        fov_y_deg: float = 45.0,
+        width: int = 512,
+        height: int = 512,
+    ) -> None:
+        e = np.array(as_vector(eye, "Camera.eye"))
+        t = np.array(as_vector(target, "Camera.target"))
+        u = np.array(as_vector(up, "Camera.up"))
+        if not 0.0 < float(fov_y_deg) < 180.0:
+            raise ValueError(f"Camera.fov_y_deg: expected 0 < fov < 180, got {fov_y_deg}")
+        forward = t - e
+        length = np.linalg.norm(forward)
+        if not length > 0:
+            raise ValueError(f"Camera: eye and target are the same point {e.tolist()}")
+        forward = forward / length
+        up_length = np.linalg.norm(u)
+        if not up_length > 0:
+            raise ValueError("Camera.up: expected a direction, got a zero vector")
+        right = np.cross(forward, u / up_length)
+        # Below 1e-9 the cross product of two unit vectors is rounding: the image would spin freely.
+        if np.linalg.norm(right) < 1e-9:
+            raise ValueError(f"Camera.up: {u.tolist()} is parallel to the view direction")
+        right = right / np.linalg.norm(right)
+        matrix = np.eye(4)
+        matrix[:3, 0] = right
+        matrix[:3, 1] = np.cross(forward, right)
+        matrix[:3, 2] = forward
+        matrix[:3, 3] = e
+        focal = 0.5 * height / math.tan(0.5 * math.radians(float(fov_y_deg)))
+        intrinsics = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+        self._set(intrinsics, matrix, width, height)
+
+    @classmethod
+    def from_matrix(
+        cls, K: npt.ArrayLike, camera_to_world: npt.ArrayLike, width: int, height: int
+    ) -> Camera:
+        """Build a camera from a pinhole matrix and a pose.
+
+        Parameters
+        ----------
+        K : array_like, shape (3, 3)
+            ``[[fx, s, cx], [0, fy, cy], [0, 0, 1]]`` in pixels; the image's top left corner is
+            ``(0, 0)``.
+        camera_to_world : array_like, shape (4, 4)
+            Rigid pose; the columns are right, down, forward and the eye (the convention of OpenCV).
+        width, height : int
+            Image size in pixels.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        ValueError
+            If a matrix has the wrong shape or is not finite, the pose is not rigid, or a focal
+            length is not positive.
+        """
+        camera = cls.__new__(cls)
+        camera._set(
+            np.asarray(K, dtype=np.float64),
+            np.asarray(camera_to_world, dtype=np.float64),
+            width,
+            height,
+        )
+        return camera
+
+    def _set(
+        self,
+        K: npt.NDArray[np.float64],
+        camera_to_world: npt.NDArray[np.float64],
+        width: int,
+        height: int,
+    ) -> None:
+        for name, array, shape in (
+            ("K", K, (3, 3)),
+            ("camera_to_world", camera_to_world, (4, 4)),
+        ):
+            if array.shape != shape:
+                raise ValueError(f"Camera.{name}: expected shape {shape}, got {array.shape}")
+        self.K = K
+        self.camera_to_world = camera_to_world
+        self.width = int(width)
+        self.height = int(height)
+        self._core = _core.Camera(
+            np.ascontiguousarray(K), np.ascontiguousarray(camera_to_world), self.width, self.height
+        )
+
+    @property
+    def eye(self) -> npt.NDArray[np.float64]:
+        """The camera's position, shape (3,), world units."""
+        return self.camera_to_world[:3, 3].copy()
+
+    @property
+    def fov_y_deg(self) -> float:
+        """Full vertical field of view in degrees."""
+        fy, cy = self.K[1, 1], self.K[1, 2]
+        return math.degrees(math.atan(cy / fy) + math.atan((self.height - cy) / fy))
+
+    def rays(self) -> npt.NDArray[np.float64]:
+        """Return the unit direction through every pixel's centre, shape (H, W, 3), world space."""
+        x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
+        directions = pixels @ np.linalg.inv(self.K).T @ self.camera_to_world[:3, :3].T
+        result: npt.NDArray[np.float64] = directions / np.linalg.norm(
+            directions, axis=-1, keepdims=True
+        )
+        return result
+
+    def __repr__(self) -> str:
+        return f"Camera(eye={self.eye.tolist()}, {self.width}x{self.height}, fov_y={self.fov_y_deg:.4g}°)"

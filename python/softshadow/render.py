@@ -1,0 +1,264 @@
+"""`render`, `visibility`, `prepare`, `compare`'s inner step: what turns a scene into arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from tqdm.auto import tqdm
+
+from softshadow import _core
+from softshadow.camera import Camera
+from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.methods import Method, MethodLike, resolve
+from softshadow.scene import Scene
+
+Progress: TypeAlias = "bool | Callable[[float], None]"
+"""``True`` for a progress bar, or a function that is told the finished fraction (0 to 1)."""
+
+LightLike: TypeAlias = "Light | Sequence[Light]"
+"""One light, or several."""
+
+
+@dataclass(frozen=True)
+class Image:
+    """What `render` returns; arrays are indexed ``[y, x]``, row 0 on top.
+
+    Attributes
+    ----------
+    visibility : ndarray, shape (H, W) or (L, H, W), float32
+        Fraction of the light that each pixel's surface point sees, 0 to 1; 1 where nothing was
+        hit. With a sequence of L lights the first axis is the light.
+    radiance : ndarray, shape (H, W, 3), float32
+        Diffuse direct light, linear RGB, the lights summed; 0 where nothing was hit.
+    mask : ndarray, shape (H, W), bool
+        Whether a surface was hit.
+    position : ndarray, shape (H, W, 3), float64
+        World-space surface points; NaN-free, 0 where nothing was hit.
+    normal : ndarray, shape (H, W, 3), float32
+        Geometric unit normals, turned to the camera; 0 where nothing was hit.
+    depth : ndarray, shape (H, W), float32
+        Distance along the viewing axis (not along the ray), world units; inf where nothing was hit.
+    mesh_id : ndarray, shape (H, W), int32
+        Index into ``scene.entries``; -1 where nothing was hit.
+    triangle_id : ndarray, shape (H, W), int32
+        Face index within its mesh (sphere index within its spheres); -1 where nothing was hit.
+    seconds : dict
+        Wall-clock seconds by stage: ``prepare`` (per scene, paid once), ``frame`` (all per-frame
+        work) and the method's own stages.
+    bytes : int
+        Peak bytes of the method's own data structures.
+    """
+
+    visibility: npt.NDArray[np.float32]
+    radiance: npt.NDArray[np.float32]
+    mask: npt.NDArray[np.bool_]
+    position: npt.NDArray[np.float64]
+    normal: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32]
+    mesh_id: npt.NDArray[np.int32]
+    triangle_id: npt.NDArray[np.int32]
+    seconds: dict[str, float]
+    bytes: int
+
+
+def _lights(light: LightLike) -> tuple[list[Light], bool]:
+    if isinstance(light, (RectLight, DiskLight, SphereLight)):
+        return [light], True
+    if not isinstance(light, Sequence) or not len(light):
+        raise TypeError(f"light: expected a light or a sequence of lights, got {light!r}")
+    for item in light:
+        if not isinstance(item, (RectLight, DiskLight, SphereLight)):
+            raise TypeError(f"light: expected lights in the sequence, got {type(item).__name__}")
+    return list(light), False
+
+
+class _Bar:
+    """A progress argument as the callback that the kernels take."""
+
+    def __init__(self, progress: Progress, what: str) -> None:
+        self._call = progress if callable(progress) else None
+        self._bar = tqdm(total=1.0, desc=what, bar_format="{l_bar}{bar}| {elapsed}") if (
+            progress is True
+        ) else None
+
+    def __enter__(self) -> Callable[[float], None] | None:
+        if self._bar is not None:
+            return self._update
+        return self._call
+
+    def _update(self, fraction: float) -> None:
+        assert self._bar is not None
+        self._bar.update(max(0.0, fraction - self._bar.n))
+
+    def __exit__(self, *exception: object) -> None:
+        if self._bar is not None:
+            if exception[0] is None:
+                self._update(1.0)
+            self._bar.close()
+
+
+class Prepared:
+    """A method with what it builds once for a scene and its lights; made by `prepare`.
+
+    It sees the scene as it was when it was prepared.
+    """
+
+    def __init__(
+        self, scene: Scene, light: LightLike, method: MethodLike, progress: Progress = False
+    ) -> None:
+        if not isinstance(scene, Scene):
+            raise TypeError(f"scene: expected softshadow.Scene, got {type(scene).__name__}")
+        self.method: Method = resolve(method)
+        self.lights, self._single = _lights(light)
+        with _Bar(progress, f"{self.method.name}: prepare") as report:
+            self._core: _core.Prepared = _core.prepare(
+                scene._core, [x._core for x in self.lights], self.method._to_core(), report
+            )
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall-clock seconds that preparing took, by stage; ``prepare`` is their sum."""
+        return self._core.seconds
+
+    def render(self, camera: Camera, progress: Progress = False) -> Image:
+        """Render an image.
+
+        Parameters
+        ----------
+        camera : Camera
+        progress : bool or callable
+            ``True`` for a progress bar, or a function that is told the finished fraction.
+
+        Returns
+        -------
+        Image
+        """
+        if not isinstance(camera, Camera):
+            raise TypeError(f"camera: expected softshadow.Camera, got {type(camera).__name__}")
+        with _Bar(progress, f"{self.method.name}: frame") as report:
+            raw = self._core.render(camera._core, report)
+        visibility = raw["visibility"]
+        return Image(
+            visibility=visibility[0] if self._single else visibility,
+            radiance=raw["radiance"],
+            mask=raw["mask"],
+            position=raw["position"],
+            normal=raw["normal"],
+            depth=raw["depth"],
+            mesh_id=raw["mesh_id"],
+            triangle_id=raw["triangle_id"],
+            seconds=raw["seconds"],
+            bytes=raw["bytes"],
+        )
+
+    def visibility(
+        self,
+        points: npt.ArrayLike,
+        normals: npt.ArrayLike | None = None,
+        progress: Progress = False,
+    ) -> npt.NDArray[np.float32]:
+        """Return the visibility of the lights from points.
+
+        Parameters
+        ----------
+        points : array_like, shape (N, 3)
+            World positions.
+        normals : array_like, shape (N, 3), optional
+            Surface normals of any length but zero; a light point below a normal's tangent plane
+            counts as blocked. Without normals there is no tangent plane, and a point that lies on
+            a surface may or may not be hidden by it.
+        progress : bool or callable
+            As in `render`.
+
+        Returns
+        -------
+        ndarray, shape (N,) or (L, N), float32
+            (L, N) when the lights are a sequence.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit, a value is not finite, or the method needs a camera.
+        """
+        if not self.method.points:
+            raise ValueError(f"method {self.method.name!r} needs a camera: use render")
+        p = np.ascontiguousarray(np.asarray(points, dtype=np.float64))
+        if p.ndim != 2 or p.shape[1] != 3:
+            raise ValueError(f"points: expected shape (N, 3), got {p.shape}")
+        n: npt.NDArray[np.float64] | None = None
+        if normals is not None:
+            n = np.ascontiguousarray(np.asarray(normals, dtype=np.float64))
+            if n.shape != p.shape:
+                raise ValueError(f"normals: expected shape {p.shape} as the points, got {n.shape}")
+        with _Bar(progress, f"{self.method.name}: visibility") as report:
+            result = self._core.visibility(p, n, report)
+        return result[0] if self._single else result
+
+
+def prepare(
+    scene: Scene, light: LightLike, method: MethodLike = "ray_traced", progress: Progress = False
+) -> Prepared:
+    """Build once what a method needs for a scene and its lights.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : light or sequence of lights
+    method : str or method
+        A name (see `method_names`) or a configured object.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    ValueError
+        If the scene is empty, or the method cannot do what the scene or light needs.
+    """
+    return Prepared(scene, light, method, progress)
+
+
+def render(
+    scene: Scene,
+    camera: Camera,
+    light: LightLike,
+    method: MethodLike = "ray_traced",
+    progress: Progress = False,
+) -> Image:
+    """Render the scene's direct light and visibility.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera
+    light : light or sequence of lights
+    method : str or method
+        A name (see `method_names`) or a configured object.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
+
+    Returns
+    -------
+    Image
+        Its ``seconds`` include ``prepare``.
+    """
+    return prepare(scene, light, method, progress).render(camera, progress)
+
+
+def visibility(
+    scene: Scene,
+    points: npt.ArrayLike,
+    normals: npt.ArrayLike | None,
+    light: LightLike,
+    method: MethodLike = "ray_traced",
+    progress: Progress = False,
+) -> npt.NDArray[np.float32]:
+    """Return the visibility of the lights from points; see `Prepared.visibility`."""
+    return prepare(scene, light, method, progress).visibility(points, normals, progress)

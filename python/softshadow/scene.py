@@ -1,0 +1,354 @@
+"""The scene: meshes and spheres by name, with how they look and whether they cast and receive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from softshadow import _core
+from softshadow.light import RGB, as_rgb
+
+MeshLike: TypeAlias = (
+    "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
+)
+"""What `Scene.add` takes."""
+
+
+@dataclass
+class Mesh:
+    """One entry of a scene: a triangle mesh.
+
+    Attributes
+    ----------
+    name : str
+    vertices : ndarray, shape (V, 3), float64
+        Object space.
+    faces : ndarray, shape (F, 3), int64
+    transform : ndarray, shape (4, 4), float64
+        Object to world.
+    albedo : tuple of 3 floats
+    opacity : float
+    casts, receives : bool
+    """
+
+    name: str
+    vertices: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    transform: npt.NDArray[np.float64]
+    albedo: tuple[float, float, float]
+    opacity: float
+    casts: bool
+    receives: bool
+
+    def world_vertices(self) -> npt.NDArray[np.float64]:
+        """Return the vertices in world space, shape (V, 3)."""
+        return self.vertices @ self.transform[:3, :3].T + self.transform[:3, 3]
+
+
+@dataclass
+class Spheres:
+    """One entry of a scene: analytic spheres, exact outlines without triangles.
+
+    Attributes
+    ----------
+    name : str
+    centers : ndarray, shape (N, 3), float64
+        World space.
+    radii : ndarray, shape (N,), float64
+    albedo : tuple of 3 floats
+    opacity : float
+    casts, receives : bool
+    """
+
+    name: str
+    centers: npt.NDArray[np.float64]
+    radii: npt.NDArray[np.float64]
+    albedo: tuple[float, float, float]
+    opacity: float
+    casts: bool
+    receives: bool
+
+
+def _read(path: str | PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
+    file = Path(path)
+    if not file.is_file():
+        raise ValueError(f"{file}: no such file")
+    try:
+        return trimesh.load(file)
+    except Exception as error:  # trimesh raises whatever its readers raise
+        raise ValueError(f"{file}: cannot be read as a mesh ({error})") from error
+
+
+class Scene:
+    """Meshes and spheres that cast and receive shadows.
+
+    What `render` builds for a scene (adjacency, bounding volume hierarchy) is kept with it, and
+    rebuilt or refitted where it changes.
+    """
+
+    def __init__(self) -> None:
+        self._core = _core.Scene()
+        self._entries: dict[str, Mesh | Spheres] = {}
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], **options: Any) -> Scene:
+        """Return a scene with one file's meshes; `options` go to `add`."""
+        scene = cls()
+        scene.add(path, **options)
+        return scene
+
+    @property
+    def entries(self) -> tuple[Mesh | Spheres, ...]:
+        """All entries; an image's ``mesh_id`` indexes this."""
+        return tuple(self._entries.values())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The entries' names, in the order of ``mesh_id``."""
+        return tuple(self._entries)
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """The entries that are triangle meshes."""
+        return tuple(e for e in self._entries.values() if isinstance(e, Mesh))
+
+    @property
+    def triangle_count(self) -> int:
+        """Triangles of all meshes together."""
+        return sum(len(m.faces) for m in self.meshes)
+
+    @property
+    def bounds(self) -> npt.NDArray[np.float64]:
+        """World bounding box, shape (2, 3): lower and upper corner.
+
+        Raises
+        ------
+        ValueError
+            If the scene is empty.
+        """
+        if not self._entries:
+            raise ValueError("scene: it has no meshes or spheres")
+        low, high = [], []
+        for entry in self._entries.values():
+            if isinstance(entry, Mesh):
+                points = entry.world_vertices()[np.unique(entry.faces)]
+                low.append(points.min(axis=0))
+                high.append(points.max(axis=0))
+            else:
+                low.append((entry.centers - entry.radii[:, None]).min(axis=0))
+                high.append((entry.centers + entry.radii[:, None]).max(axis=0))
+        return np.array([np.min(low, axis=0), np.max(high, axis=0)])
+
+    def add(
+        self,
+        mesh: MeshLike,
+        name: str | None = None,
+        albedo: RGB = 0.8,
+        opacity: float = 1.0,
+        casts: bool = True,
+        receives: bool = True,
+    ) -> str:
+        """Add a mesh.
+
+        Vertices at the same position are joined (exactly equal coordinates only, so files that
+        repeat a vertex for every face have their neighbourhoods back); nothing else is repaired.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh, trimesh.Scene, path, or pair of arrays
+            A pair is ``(vertices (V, 3) float, faces (F, 3) int)``. A ``trimesh.Scene`` (and a file
+            that holds one) is joined to one mesh, its transforms applied.
+        name : str, optional
+            Must be new; chosen when not given.
+        albedo : float or array_like of shape (3,)
+            Diffuse reflectance, linear RGB.
+        opacity : float
+            1 is opaque; below 1, each crossing multiplies transmittance by ``1 - opacity``.
+        casts : bool
+            False: never an occluder.
+        receives : bool
+            False: shaded as unshadowed.
+
+        Returns
+        -------
+        str
+            The name.
+
+        Raises
+        ------
+        ValueError
+            If the mesh is empty, has no extent, has coordinates that are not finite or face indices
+            out of range, is a point cloud, or an option is out of range.
+        TypeError
+            If `mesh` is of another type.
+        """
+        vertices, faces = _arrays(mesh)
+        base = name
+        if base is None:
+            is_path = isinstance(mesh, (str, PathLike))
+            base = self._free_name(Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
+        rgb = as_rgb(albedo, f"mesh {base!r}: albedo")
+        self._core.add_mesh(
+            base, vertices, faces, rgb, float(opacity), bool(casts), bool(receives)
+        )
+        self._entries[base] = Mesh(
+            base, vertices, faces, np.eye(4), rgb, float(opacity), bool(casts), bool(receives)
+        )
+        return base
+
+    def add_spheres(
+        self,
+        centers: npt.ArrayLike,
+        radii: npt.ArrayLike,
+        name: str | None = None,
+        albedo: RGB = 0.8,
+        opacity: float = 1.0,
+        casts: bool = True,
+        receives: bool = True,
+    ) -> str:
+        """Add analytic spheres.
+
+        Parameters
+        ----------
+        centers : array_like, shape (N, 3) or (3,)
+            World units.
+        radii : array_like, shape (N,) or a number
+            World units, positive.
+        name, albedo, opacity, casts, receives
+            As in `add`. A ray through a sphere crosses its surface twice.
+
+        Returns
+        -------
+        str
+            The name.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit or a value is not finite or not positive.
+        """
+        c = np.ascontiguousarray(np.atleast_2d(np.asarray(centers, dtype=np.float64)))
+        r = np.asarray(radii, dtype=np.float64)
+        if c.ndim != 2 or c.shape[1] != 3:
+            raise ValueError(f"spheres: expected centers of shape (N, 3), got {c.shape}")
+        if r.shape not in ((), (len(c),)):
+            raise ValueError(f"spheres: expected {len(c)} radii, got shape {r.shape}")
+        r = np.ascontiguousarray(np.broadcast_to(r, (len(c),)))
+        base = self._free_name("spheres") if name is None else name
+        rgb = as_rgb(albedo, f"spheres {base!r}: albedo")
+        self._core.add_spheres(base, c, r, rgb, float(opacity), bool(casts), bool(receives))
+        self._entries[base] = Spheres(
+            base, c, r, rgb, float(opacity), bool(casts), bool(receives)
+        )
+        return base
+
+    def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
+        """Place a mesh; its adjacency and the tree's topology are kept.
+
+        Parameters
+        ----------
+        name : str
+            As returned by `add`.
+        matrix : array_like, shape (4, 4)
+            Object to world; affine, with a last row of ``0 0 0 1``.
+
+        Raises
+        ------
+        ValueError
+            If there is no such mesh, or the matrix is not finite, not affine or singular.
+        """
+        m = np.ascontiguousarray(np.asarray(matrix, dtype=np.float64))
+        if m.shape != (4, 4):
+            raise ValueError(f"mesh {name!r}: transform: expected shape (4, 4), got {m.shape}")
+        self._core.set_transform(name, m)
+        self._mesh(name).transform = m
+
+    def set_vertices(self, name: str, vertices: npt.ArrayLike) -> None:
+        """Move a mesh's vertices, keeping its faces.
+
+        Parameters
+        ----------
+        name : str
+            As returned by `add`.
+        vertices : array_like, shape (V, 3)
+            Object space; as many as before. Vertices that were joined must stay equal.
+
+        Raises
+        ------
+        ValueError
+            If there is no such mesh, the count differs, a coordinate is not finite, or joined
+            vertices are torn apart.
+        """
+        v = _as_vertices(vertices)
+        self._core.set_vertices(name, v)
+        self._mesh(name).vertices = v
+
+    def _mesh(self, name: str) -> Mesh:
+        entry = self._entries.get(name)
+        if not isinstance(entry, Mesh):
+            raise ValueError(f"scene: no mesh named {name!r}; it has {list(self._entries)}")
+        return entry
+
+    def _free_name(self, base: str) -> str:
+        if base not in self._entries:
+            return base
+        number = 2
+        while f"{base}_{number}" in self._entries:
+            number += 1
+        return f"{base}_{number}"
+
+    def __repr__(self) -> str:
+        return f"Scene({', '.join(self._entries)}; {self.triangle_count} triangles)"
+
+
+def _as_vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    try:
+        v = np.array(vertices, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"mesh: vertices must be numbers ({error})") from None
+    if v.ndim != 2 or v.shape[1] != 3:
+        raise ValueError(f"mesh: expected vertices of shape (V, 3), got {v.shape}")
+    return v
+
+
+def _arrays(mesh: MeshLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Return contiguous, private copies of a mesh's vertices and faces."""
+    if isinstance(mesh, (str, PathLike)):
+        return _arrays(_read(mesh))
+    if isinstance(mesh, trimesh.Scene):
+        mesh = _flatten(mesh)
+    if isinstance(mesh, trimesh.PointCloud):
+        raise ValueError(
+            f"mesh: a point cloud of {len(mesh.vertices)} points, where triangles are needed"
+        )
+    if isinstance(mesh, trimesh.Trimesh):
+        vertices, faces = mesh.vertices, mesh.faces
+    elif isinstance(mesh, tuple) and len(mesh) == 2:
+        vertices, faces = mesh
+    else:
+        raise TypeError(
+            "mesh: expected trimesh.Trimesh, trimesh.Scene, a path or a pair "
+            f"(vertices, faces), got {type(mesh).__name__}"
+        )
+    f = np.asarray(faces)
+    if f.size == 0:
+        f = f.reshape(0, 3)
+    if f.ndim != 2 or f.shape[1] != 3:
+        raise ValueError(f"mesh: expected faces of shape (F, 3), got {f.shape}")
+    if f.dtype.kind not in "iu" and f.size:
+        raise TypeError(f"mesh: faces must be integers, got dtype {f.dtype}")
+    return _as_vertices(vertices), np.array(f, dtype=np.int64, order="C")
+
+
+def _flatten(scene: trimesh.Scene) -> trimesh.Trimesh:
+    parts = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
+    if not parts:
+        kinds = sorted({type(g).__name__ for g in scene.geometry.values()})
+        raise ValueError(f"mesh: the trimesh.Scene has no triangle meshes, only {kinds}")
+    return trimesh.util.concatenate(parts)
