@@ -1,0 +1,240 @@
+"""The command ``softshadow``: render a model file's shadow, list the methods.
+
+Every mistake of the user's is one line on stderr, ``error: ...``, and exit code 2; Ctrl-C is exit
+code 130.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from softshadow._core import __version__
+from softshadow.camera import Camera
+from softshadow.framing import add_ground, camera_for, light_for
+from softshadow.images import check_path, write
+from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.methods import Method, method_names, resolve
+from softshadow.render import render as render_image
+from softshadow.scene import Scene
+
+_INTERRUPTED = 130
+_USER_ERROR = 2
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    help="Soft shadows of area lights on the CPU.",
+)
+
+
+class What(str, Enum):
+    """What to write."""
+
+    visibility = "visibility"
+    radiance = "radiance"
+
+
+_LIGHT_FORMS = {
+    "rect": "rect:cx,cy,cz,ux,uy,uz,vx,vy,vz",
+    "disk": "disk:cx,cy,cz,nx,ny,nz,r",
+    "sphere": "sphere:cx,cy,cz,r",
+}
+"""Kinds of ``--light`` and what follows them; the commas count the numbers."""
+
+
+def parse_light(text: str) -> Light:
+    """Return the light that a ``--light`` argument describes.
+
+    Parameters
+    ----------
+    text : str
+        ``rect:`` center and two full edge vectors (9 numbers; it emits towards u × v), ``disk:``
+        center, normal and radius (7), or ``sphere:`` center and radius (4), separated by commas.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these, or the light is degenerate.
+    """
+    kind, _, rest = text.partition(":")
+    form = _LIGHT_FORMS.get(kind)
+    if form is None:
+        raise ValueError(f"--light {text!r}: expected one of {' | '.join(_LIGHT_FORMS.values())}")
+    n = _numbers(rest, form.count(",") + 1, f"--light {text!r}", form)
+    if kind == "rect":
+        return RectLight(n[0:3], n[3:6], n[6:9])
+    if kind == "disk":
+        return DiskLight(n[0:3], n[3:6], n[6])
+    return SphereLight(n[0:3], n[3])
+
+
+def _numbers(text: str, count: int, what: str, form: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise ValueError(f"{what}: expected {count} numbers as in {form}")
+    return numbers
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise ValueError(f"--size {text!r}: expected WxH, such as 512x512")
+    return int(width), int(height)
+
+
+def _method(name: str, samples: int | None, seed: int | None) -> Method:
+    method = resolve(name)
+    known = {item.name for item in fields(method)}
+    given = {k: v for k, v in {"samples": samples, "seed": seed}.items() if v is not None}
+    for parameter in given:
+        if parameter not in known:
+            raise ValueError(f"--{parameter}: method {name!r} has no such parameter")
+    configured = replace(method, **given)
+    configured._to_core()  # says what is out of range, before a model is read
+    return configured
+
+
+def _camera(
+    scene: Scene, eye: str | None, target: str | None, fov: float, width: int, height: int
+) -> Camera:
+    default = camera_for(scene, fov, width, height)
+    if eye is None and target is None:
+        return default
+    to = scene.bounds.mean(axis=0)
+    if target is not None:
+        to = np.array(_numbers(target, 3, f"--target {target!r}", "x,y,z"))
+    at = default.eye if eye is None else np.array(_numbers(eye, 3, f"--eye {eye!r}", "x,y,z"))
+    vertical = bool(np.all(at[:2] == to[:2]))
+    up = (0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0)
+    return Camera(at, to, up=up, fov_y_deg=fov, width=width, height=height)
+
+
+@app.callback(invoke_without_command=True)
+def _softshadow(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"softshadow {__version__}")
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command()
+def render(
+    model: Annotated[Path, typer.Argument(help="Mesh file: PLY, OBJ, STL, GLB, ...; z points up.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="A .png, .exr or .npy file.")],
+    light: Annotated[
+        str | None,
+        typer.Option(
+            help=f"{', '.join(_LIGHT_FORMS.values())}. Not given: a square above, to the right.",
+            metavar="SPEC",
+        ),
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="See 'softshadow methods'.", metavar="NAME")
+    ] = "ray_traced",
+    samples: Annotated[int | None, typer.Option(help="Light samples per receiver.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of the light samples.")] = None,
+    size: Annotated[str, typer.Option(help="Pixels.", metavar="WxH")] = "512x512",
+    width: Annotated[int | None, typer.Option(help="Pixels; overrides --size.")] = None,
+    height: Annotated[int | None, typer.Option(help="Pixels; overrides --size.")] = None,
+    eye: Annotated[
+        str | None,
+        typer.Option(help="Camera. Not given: a three-quarter view.", metavar="X,Y,Z"),
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(help="Where it looks. Not given: the model's middle.", metavar="X,Y,Z"),
+    ] = None,
+    fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 45.0,
+    what: Annotated[What, typer.Option(help="What to write.")] = What.visibility,
+    exposure: Annotated[
+        float | None,
+        typer.Option(help="Of radiance in a PNG. Not given: makes the brightest pixels white."),
+    ] = None,
+    ground: Annotated[bool, typer.Option(help="A ground plane below the model.")] = True,
+) -> None:
+    """Render a model's shadow to an image file."""
+    check_path(output)
+    w, h = _size(size)
+    configured = _method(method, samples, seed)
+    parsed = None if light is None else parse_light(light)
+    scene = Scene.load(model)
+    camera = _camera(
+        scene, eye, target, fov, w if width is None else width, h if height is None else height
+    )
+    lit_by = light_for(scene) if parsed is None else parsed
+    if ground:
+        add_ground(scene, "ground" if "ground" not in scene.names else "ground_plane")
+    image = render_image(scene, camera, lit_by, configured, progress=True)
+    write(output, image.visibility if what is What.visibility else image.radiance, exposure)
+    typer.echo(
+        f"{output}: {what.value}, {camera.width}x{camera.height}, {configured}, "
+        f"prepare {image.seconds['prepare']:.3g} s, frame {image.seconds['frame']:.3g} s"
+    )
+
+
+@app.command()
+def methods() -> None:
+    """List the methods, what each can do, and its parameters."""
+    head = ("method", "transparent", "points", "needs area", "parameters")
+    rows = [head]
+    for name in method_names():
+        method = resolve(name)
+        can = ["yes" if x else "no" for x in (method.transparent, method.points, method.needs_area)]
+        parameters = ", ".join(f"{k}={v!r}" for k, v in method.parameters().items())
+        rows.append((name, can[0], can[1], can[2], parameters))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    for row in rows:
+        typer.echo("  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True)).rstrip())
+    typer.echo(
+        "\ntransparent: honours opacities below 1; points: answers at points, without a camera;\n"
+        "needs area: a light of size zero is an error"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; ``sys.argv[1:]`` when not given.
+    """
+    given = None if arguments is None else list(arguments)
+    try:
+        code = app(given, prog_name="softshadow", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        code = _INTERRUPTED
+    except (ValueError, OSError) as error:
+        return _fail(str(error))
+    except Exception as error:
+        # Wrong arguments. Typer has its own copy of Click or uses the installed one, by version, so
+        # their common base class cannot be imported by name.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        return _fail(str(message()))
+    return code if isinstance(code, int) else 0
+
+
+def _fail(message: str) -> int:
+    """Print an error on one line, and return its exit code."""
+    print("error:", " ".join(message.split()), file=sys.stderr)
+    return _USER_ERROR
+
+
+if __name__ == "__main__":
+    sys.exit(main())

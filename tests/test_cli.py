@@ -1,0 +1,246 @@
+"""The command line: what it writes, prints and returns."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import imageio.v3 as imageio
+import numpy as np
+import OpenEXR
+import pytest
+import softshadow as ss
+import trimesh
+from softshadow import cli, framing
+
+SMALL = ["--size", "32x24", "--samples", "8"]
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    """A model file: a unit box."""
+    path = tmp_path_factory.mktemp("models") / "box.ply"
+    trimesh.creation.box().export(path)
+    return str(path)
+
+
+@pytest.fixture
+def fails(capsys):
+    """Run a command line that must fail, and return its one line on stderr."""
+
+    def run(*arguments):
+        assert cli.main([str(x) for x in arguments]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.count("\n") == 1, err
+        assert err.startswith("error: ")
+        return err
+
+    return run
+
+
+def test_render_writes_a_picture_with_light_and_shadow(box, tmp_path, capsys):
+    out = tmp_path / "out.png"
+    assert cli.main(["render", box, *SMALL, "-o", str(out)]) == 0
+    picture = imageio.imread(out)
+    assert picture.shape == (24, 32)
+    assert picture.min() == 0
+    assert picture.max() == 255
+    said = capsys.readouterr()
+    assert said.out.startswith(f"{out}: visibility, 32x24, RayTraced(samples=8")
+    assert "ray_traced: frame" in said.err  # the progress bar
+
+
+def test_render_is_the_python_call(box, tmp_path):
+    out = tmp_path / "out.npy"
+    arguments = ["--light", "rect:2,-1,3,0,0.5,0,0.5,0,0", "--eye", "-1,-4,2", "--target", "0,0,0"]
+    arguments += ["--fov", "60", "--seed", "5", *SMALL, "-o", str(out)]
+    assert cli.main(["render", box, *arguments]) == 0
+    scene = ss.Scene.load(box)
+    framing.add_ground(scene)
+    camera = ss.Camera((-1, -4, 2), (0, 0, 0), fov_y_deg=60, width=32, height=24)
+    light = ss.RectLight((2, -1, 3), (0, 0.5, 0), (0.5, 0, 0))
+    image = ss.render(scene, camera, light, ss.RayTraced(samples=8, seed=5))
+    assert np.array_equal(np.load(out), image.visibility)
+    assert 0 < image.visibility.min(initial=1, where=image.visibility > 0) < 1
+
+
+def test_render_writes_radiance_as_exr(box, tmp_path):
+    out = tmp_path / "out.exr"
+    assert cli.main(["render", box, *SMALL, "--what", "radiance", "-o", str(out)]) == 0
+    pixels = OpenEXR.File(str(out)).channels()["RGB"].pixels
+    assert pixels.shape == (24, 32, 3)
+    assert pixels.max() > 0
+
+
+def test_width_and_height_override_the_size(box, tmp_path):
+    out = tmp_path / "out.npy"
+    arguments = ["--method", "hard", "--size", "64x64", "--width", "20", "--height", "10"]
+    assert cli.main(["render", box, *arguments, "-o", str(out)]) == 0
+    assert np.load(out).shape == (10, 20)
+
+
+def test_without_ground_only_the_model_is_hit(box, tmp_path):
+    pixels = {}
+    for flag in ("--ground", "--no-ground"):
+        out = tmp_path / f"{flag}.npy"
+        arguments = ["--what", "radiance", "--method", "hard", "--size", "64x64", flag]
+        assert cli.main(["render", box, *arguments, "-o", str(out)]) == 0
+        pixels[flag] = int((np.load(out).max(axis=2) > 0).sum())
+    assert pixels["--ground"] > 2 * pixels["--no-ground"] > 0
+
+
+def test_a_camera_straight_above_works(box, tmp_path):
+    out = tmp_path / "out.npy"
+    arguments = ["--eye", "0,0,6", "--target", "0,0,0", *SMALL, "-o", str(out)]
+    assert cli.main(["render", box, *arguments]) == 0
+    assert np.load(out).min() < 1
+
+
+def test_methods_lists_every_method_and_what_it_can(capsys):
+    assert cli.main(["methods"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    rows = {line.split()[0]: line for line in lines if line}
+    assert set(ss.method_names()) <= set(rows)
+    assert lines[0].split()[:3] == ["method", "transparent", "points"]
+    assert rows["ray_traced"].split()[1:4] == ["yes", "yes", "no"]
+    assert "samples=256" in rows["ray_traced"]
+
+
+def test_version_is_the_package_s(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"softshadow {ss.__version__}\n"
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["render", "--help"]])
+def test_help_is_printed(arguments, capsys):
+    assert cli.main(arguments) == 0
+    assert "Usage: softshadow" in capsys.readouterr().out
+
+
+def test_an_unknown_method_is_an_error_that_lists_the_names(fails, box, tmp_path):
+    message = fails("render", box, "--method", "magic", "-o", tmp_path / "a.png")
+    assert "unknown name 'magic'" in message
+    assert "ray_traced" in message
+
+
+def test_a_parameter_that_the_method_lacks_is_an_error(fails, box, tmp_path):
+    command = ["render", box, "--method", "hard", "--samples", "4", "-o", tmp_path / "a.png"]
+    assert "method 'hard' has no such parameter" in fails(*command)
+
+
+@pytest.mark.parametrize(
+    ("light", "message"),
+    [
+        ("cube:1,2,3", "expected one of rect:"),
+        ("sphere:1,2,3", "expected 4 numbers as in sphere:cx,cy,cz,r"),
+        ("sphere:1,2,3,x", "expected 4 numbers"),
+        ("rect:0,0,3,1,0,0,2,0,0", "RectLight"),
+        ("sphere:0,0,nan,1", "finite"),
+    ],
+)
+def test_a_bad_light_is_an_error(fails, box, tmp_path, light, message):
+    assert message in fails("render", box, "--light", light, "-o", tmp_path / "a.png")
+
+
+def test_a_missing_model_is_an_error(fails, tmp_path):
+    assert "nothing.ply: no such file" in fails(
+        "render", tmp_path / "nothing.ply", "-o", tmp_path / "a.png"
+    )
+
+
+def test_a_file_that_is_no_model_is_an_error(fails, tmp_path):
+    (tmp_path / "text.ply").write_text("not a mesh")
+    message = fails("render", tmp_path / "text.ply", "-o", tmp_path / "a.png")
+    assert "cannot be read as a mesh" in message
+
+
+def test_an_unwritable_output_is_an_error_before_rendering(fails, box, tmp_path):
+    assert "there is no folder" in fails("render", box, "-o", tmp_path / "no" / "a.png")
+    assert "unknown file type" in fails("render", box, "-o", tmp_path / "a.gif")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--size", "512"], "expected WxH"),
+        (["--eye", "1,2"], "expected 3 numbers as in x,y,z"),
+        (["--eye", "1,2,3", "--target", "1,2,3"], "same point"),
+        (["--fov", "180"], "fov"),
+        (["--samples", "0"], "samples"),
+        (["--samples", "many"], "--samples"),
+        (["--what", "depth"], "--what"),
+        (["--width", "0"], "Camera"),
+        (["--colour", "red"], "--colour"),
+    ],
+)
+def test_a_bad_option_is_an_error(fails, box, tmp_path, arguments, message):
+    assert message in fails("render", box, *arguments, "-o", tmp_path / "a.png")
+
+
+def test_a_missing_output_and_an_unknown_command_are_errors(fails, box):
+    assert "--output" in fails("render", box)
+    assert "shade" in fails("shade", box)
+
+
+def test_ctrl_c_is_exit_code_130(box, tmp_path, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "render_image", interrupted)
+    assert cli.main(["render", box, *SMALL, "-o", str(tmp_path / "a.png")]) == 130
+    assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_a_long_render_stops_soon_after_ctrl_c(box, tmp_path):
+    command = [sys.executable, "-m", "softshadow.cli", "render", box, "--samples", "65536"]
+    command += ["--size", "2048x2048", "-o", str(tmp_path / "a.png")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as process:
+        assert process.stderr is not None
+        seen = b""
+        while b"frame" not in seen:  # it is rendering
+            piece = process.stderr.read1()
+            assert piece, seen
+            seen += piece
+        time.sleep(0.3)
+        start = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        process.stderr.read()
+        assert process.wait(timeout=10) == 130
+        assert time.monotonic() - start < 2.0  # 0.2 s, and the interpreter's own way out
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_the_framed_box_is_whole_in_the_picture_and_lit_from_its_side():
+    scene = ss.Scene()
+    scene.add(trimesh.creation.box().apply_scale((2, 1, 3)).apply_translation((50, 0, 7)))
+    for width, height in ((512, 512), (200, 600), (600, 200)):
+        camera, light = framing.frame(scene, width=width, height=height)
+        corners = trimesh.bounds.corners(scene.bounds) - camera.eye
+        x, y, z = camera.K @ camera.camera_to_world[:3, :3].T @ corners.T
+        assert (z > 0).all()
+        assert ((x / z > 0) & (x / z < width)).all()
+        assert ((y / z > 0) & (y / z < height)).all()
+        assert np.ptp(y / z) / height > 0.3 or np.ptp(x / z) / width > 0.3
+    center = np.array(light.center)
+    away = scene.bounds.mean(axis=0) - center
+    facing = np.cross(light.edge_u, light.edge_v)
+    assert np.allclose(facing / np.linalg.norm(facing), away / np.linalg.norm(away))
+    assert center[2] > scene.bounds[1, 2]
+    edges = [np.linalg.norm(light.edge_u), np.linalg.norm(light.edge_v)]
+    assert np.allclose(edges, np.linalg.norm(away) / 5)
+
+
+def test_the_ground_is_four_times_the_model_and_below_it():
+    scene = ss.Scene()
+    scene.add(trimesh.creation.box((1, 2, 3)).apply_translation((5, 5, 5)))
+    name = framing.add_ground(scene)
+    ground = scene.meshes[-1]
+    assert ground.name == name == "ground"
+    assert np.ptp(ground.vertices, axis=0) == pytest.approx([12, 12, 0])
+    assert ground.vertices.mean(axis=0)[:2] == pytest.approx([5, 5])
+    assert 3.5 - 0.001 < ground.vertices[0, 2] < 3.5

@@ -1,0 +1,181 @@
+"""`ss.compare`: what its table says is what the methods and the metrics say."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import math
+
+import numpy as np
+import pytest
+import softshadow as ss
+import trimesh
+from softshadow.compare import DEFAULT_REFERENCE
+
+LIGHT = ss.RectLight(center=(0.5, 0, 3), edge_u=(0, 1, 0), edge_v=(1, 0, 0))
+FEW = ss.RayTraced(samples=16)
+MODULE = importlib.import_module("softshadow.compare")  # the function has the same name
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A box that floats over a ground plane."""
+    scene = ss.Scene()
+    scene.add(([(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0)], [(0, 1, 2), (0, 2, 3)]), "ground")
+    scene.add(trimesh.creation.box((1, 1, 0.5)).apply_translation((0, 0, 1)), "box")
+    return scene
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return ss.Camera(eye=(0, -5, 4), target=(0, 0, 0.3), width=32, height=24)
+
+
+@pytest.fixture(scope="module")
+def result(scene, camera):
+    methods = ["hard", ss.RayTraced(samples=8, seed=3), "ray_traced"]
+    return ss.compare(scene, camera, LIGHT, methods, reference=FEW, repeats=2)
+
+
+def test_the_table_has_a_row_for_each_method_in_order(result):
+    assert result.table["method"].tolist() == ["hard", "ray_traced", "ray_traced"]
+    assert result.table["parameters"].tolist() == ["", "samples=8, seed=3", ""]
+    assert list(result.table.columns[:5]) == [
+        *("method", "parameters", "prepare_seconds", "frame_seconds", "bytes")
+    ]
+    assert list(result.images) == ["hard", "ray_traced(samples=8, seed=3)", "ray_traced"]
+
+
+def test_the_errors_are_those_of_the_images_against_the_reference(result):
+    assert result.reference.mask.any()
+    for (_, row), image in zip(result.table.iterrows(), result.images.values(), strict=True):
+        expected = ss.metrics.errors(
+            image.visibility, result.reference.visibility, result.reference.mask
+        )
+        assert {name: row[name] for name in expected} == pytest.approx(expected)
+
+
+def test_the_images_are_those_that_render_gives(result, scene, camera):
+    again = ss.render(scene, camera, LIGHT, ss.RayTraced(samples=8, seed=3))
+    image = result.images["ray_traced(samples=8, seed=3)"]
+    assert np.array_equal(image.visibility, again.visibility)
+    truth = ss.render(scene, camera, LIGHT, FEW)
+    assert np.array_equal(result.reference.visibility, truth.visibility)
+
+
+def test_a_hard_shadow_is_wrong_in_the_penumbra(result):
+    hard, _, soft = (row for _, row in result.table.iterrows())
+    assert hard["penumbra_mae"] > 2 * soft["penumbra_mae"]
+    assert hard["penumbra_share"] == soft["penumbra_share"] > 0
+
+
+def test_times_are_medians_of_fresh_preparations(monkeypatch, scene, camera):
+    frames = iter([5.0, 0.125, 0.25, 0.5])  # the reference, then three repeats
+    prepared = []
+
+    def fake(*arguments):
+        real = ss.prepare(*arguments)
+        prepared.append(real)
+
+        class Timed:
+            def render(self, camera):
+                seconds = {"prepare": 8.0, "frame": next(frames)}
+                return dataclasses.replace(real.render(camera), seconds=seconds)
+
+        return Timed()
+
+    monkeypatch.setattr(MODULE, "prepare", fake)
+    table = ss.compare(scene, camera, LIGHT, ["hard"], reference=FEW, repeats=3).table
+    assert table["frame_seconds"].tolist() == [0.25]
+    assert table["prepare_seconds"].tolist() == [8.0]
+    assert len(prepared) == 4
+
+
+def test_times_and_bytes_are_measured(result):
+    assert (result.table["frame_seconds"] > 0).all()
+    assert (result.table["prepare_seconds"] >= 0).all()
+    assert (result.table["bytes"] >= 0).all()
+
+
+def test_the_default_reference_does_not_share_the_methods_samples():
+    assert DEFAULT_REFERENCE.samples == 1024
+    assert DEFAULT_REFERENCE.seed != ss.RayTraced().seed
+
+
+def test_a_given_image_is_the_reference_as_it_is(result, scene, camera):
+    black = dataclasses.replace(
+        result.reference, visibility=np.zeros_like(result.reference.visibility)
+    )
+    table = ss.compare(scene, camera, LIGHT, ["hard"], reference=black, repeats=1).table
+    lit = result.images["hard"].visibility[result.reference.mask].mean(dtype=np.float64)
+    assert table["bias"][0] == pytest.approx(lit)
+    assert math.isnan(table["penumbra_mae"][0])
+
+
+def test_several_lights_weigh_the_same(scene, camera, result):
+    other = ss.SphereLight(center=(-2, 0, 3), radius=0.3)
+    both = ss.compare(scene, camera, [LIGHT, other], ["hard"], reference=FEW, repeats=1)
+    alone = ss.compare(scene, camera, other, ["hard"], reference=FEW, repeats=1)
+    assert both.images["hard"].visibility.shape == (2, 24, 32)
+    expected = (result.table["mae"][0] + alone.table["mae"][0]) / 2
+    assert both.table["mae"][0] == pytest.approx(expected)
+
+
+def test_without_methods_all_are_compared_or_said_to_be_skipped(scene, camera):
+    result = ss.compare(scene, camera, LIGHT, reference=FEW, repeats=1)
+    assert {*result.table["method"], *result.skipped} == set(ss.method_names())
+    assert "hard" not in result.skipped
+
+
+def test_a_method_that_cannot_do_the_scene_is_skipped_unless_asked_for(monkeypatch, scene, camera):
+    real = MODULE.prepare
+
+    def picky(scene, light, method):
+        if method.name == "hard":
+            raise ss.UnsupportedError("hard: not today")
+        return real(scene, light, method)
+
+    monkeypatch.setattr(MODULE, "prepare", picky)
+    monkeypatch.setattr(MODULE, "method_names", lambda: ("hard", "ray_traced"))
+    result = ss.compare(scene, camera, LIGHT, reference=FEW, repeats=1)
+    assert result.skipped == {"hard": "hard: not today"}
+    assert result.table["method"].tolist() == ["ray_traced"]
+    with pytest.raises(ss.UnsupportedError, match="not today"):
+        ss.compare(scene, camera, LIGHT, ["hard"], reference=FEW, repeats=1)
+
+
+def test_progress_ends_at_one_and_never_goes_back(scene, camera):
+    seen: list[float] = []
+    ss.compare(scene, camera, LIGHT, ["hard", FEW], FEW, repeats=2, progress=seen.append)
+    assert seen == sorted(seen)
+    assert len(seen) == 5
+    assert seen[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"repeats": 0}, ValueError, "repeats"),
+        ({"methods": []}, ValueError, "at least one"),
+        ({"methods": "hard"}, TypeError, "list"),
+        ({"methods": ["hard", ss.Hard()]}, ValueError, "listed twice"),
+        ({"methods": ["magic"]}, ValueError, "unknown name 'magic'"),
+        ({"reference": "magic"}, ValueError, "unknown name 'magic'"),
+    ],
+)
+def test_bad_arguments_are_errors_that_say_why(scene, camera, arguments, error, message):
+    given = {"methods": ["hard"], "reference": FEW, "repeats": 1} | arguments
+    with pytest.raises(error, match=message):
+        ss.compare(scene, camera, LIGHT, **given)
+
+
+def test_a_reference_of_another_size_is_an_error(scene, camera, result):
+    small = ss.Camera(eye=(0, -5, 4), target=(0, 0, 0.3), width=8, height=8)
+    with pytest.raises(ValueError, match="32x24 is not the camera's 8x8"):
+        ss.compare(scene, small, LIGHT, ["hard"], reference=result.reference)
+
+
+def test_a_camera_that_sees_nothing_is_an_error(scene):
+    away = ss.Camera(eye=(0, 0, 9), target=(0, 0.1, 10), width=8, height=8)
+    with pytest.raises(ValueError, match="sees no surface"):
+        ss.compare(scene, away, LIGHT, ["hard"], reference=FEW)
