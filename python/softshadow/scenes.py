@@ -1,0 +1,404 @@
+"""Scenes for tests, the demo and benchmarks: real models from packages, and known answers.
+
+All are z-up, near unit size and near the origin, so that single-precision peers can be compared.
+The models are not part of softshadow; they come with packages that ``pip install`` brings:
+
+- the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
+- Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from softshadow.camera import Camera
+from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.scene import Scene
+
+__all__ = [
+    "Setup",
+    "bunny_on_plane",
+    "city",
+    "city_path",
+    "closed_solids",
+    "half_plane",
+    "stanford_bunny_path",
+    "tilted_sheet",
+]
+
+LightKind: TypeAlias = Literal["rect", "disk", "sphere"]
+"""The light's shape."""
+
+_PACKAGES = {"pymeshfix": "pymeshfix==0.18.1", "sionna": "sionna-rt==2.2.0"}
+
+_PLANE_ALBEDO = (0.7, 0.7, 0.7)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is needed to render.
+
+    Attributes
+    ----------
+    scene : Scene
+    camera : Camera
+    light : RectLight, DiskLight or SphereLight
+    visibility : callable, optional
+        Where a closed form is known: from world positions, shape (..., 3), on the receiving plane
+        to visibility, shape (...), float64.
+    """
+
+    scene: Scene
+    camera: Camera
+    light: Light
+    visibility: Callable[[npt.ArrayLike], npt.NDArray[np.float64]] | None = None
+
+
+def _package_folder(package: str) -> Path | None:
+    """Return where a top-level package is installed, without importing it."""
+    spec = find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    return Path(next(iter(spec.submodule_search_locations)))
+
+
+def _missing(what: str, package: str) -> FileNotFoundError:
+    return FileNotFoundError(
+        f"{what} comes with the package {package}: pip install --no-deps {_PACKAGES[package]}"
+    )
+
+
+def stanford_bunny_path() -> Path | None:
+    """Return the Stanford bunny's PLY file, or None if ``pymeshfix`` is not installed."""
+    folder = _package_folder("pymeshfix")
+    path = folder / "examples" / "StanfordBunny.ply" if folder else None
+    return path if path is not None and path.is_file() else None
+
+
+def city_path(name: str = "munich") -> Path | None:
+    """Return the folder of a city's PLY files, or None if ``sionna-rt`` is not installed.
+
+    Parameters
+    ----------
+    name : str
+        ``"munich"`` or ``"san_francisco"`` (and what else the package has).
+    """
+    folder = _package_folder("sionna")
+    path = folder / "rt" / "scenes" / name / "meshes" if folder else None
+    return path if path is not None and path.is_dir() else None
+
+
+def _light(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.ArrayLike) -> Light:
+    """Return a light of width `size` at `center` that faces `aim`.
+
+    Its radiance makes a white surface at `aim` that faces it reflect a radiance of about 1.
+    """
+    c = np.asarray(center, dtype=np.float64)
+    n = np.asarray(aim, dtype=np.float64) - c
+    distance = float(np.linalg.norm(n))
+    n /= distance
+    area = size**2 if kind == "rect" else math.pi * size**2 / 4
+    radiance = math.pi * distance**2 / area
+    if kind == "sphere":
+        return SphereLight(c, size / 2, radiance)
+    if kind == "disk":
+        return DiskLight(c, n, size / 2, radiance)
+    if kind == "rect":
+        u = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
+        u *= size / np.linalg.norm(u)
+        return RectLight(c, u, np.cross(n, u), radiance)
+    raise ValueError(f"light: expected 'rect', 'disk' or 'sphere', got {kind!r}")
+
+
+def _square(half: float, z: float = 0.0) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Return a square with edge ``2 · half`` around the z axis, facing up."""
+    h = half
+    vertices = np.array([[-h, -h, z], [h, -h, z], [h, h, z], [-h, h, z]])
+    return vertices, np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def bunny_on_plane(
+    width: int = 512, height: int = 512, light: LightKind = "rect", light_size: float = 0.5
+) -> Setup:
+    """Return the Stanford bunny, one unit tall, standing on a ground plane.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    light : {"rect", "disk", "sphere"}
+        Shape of the light, 2.3 units from the bunny's feet.
+    light_size : float
+        Its edge or diameter, world units.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    FileNotFoundError
+        If the model is not installed.
+    """
+    path = stanford_bunny_path()
+    if path is None:
+        raise _missing("the Stanford bunny", "pymeshfix")
+    mesh = trimesh.load(path)
+    low, high = mesh.bounds
+    scale = 1.0 / (high[2] - low[2])
+    middle = 0.5 * (low + high)
+    vertices = (np.asarray(mesh.vertices) - [middle[0], middle[1], low[2]]) * scale
+    scene = Scene()
+    scene.add(_square(2.5), name="ground", albedo=_PLANE_ALBEDO)
+    scene.add((vertices, mesh.faces), name="bunny", albedo=(0.8, 0.75, 0.65))
+    camera = Camera((0.4, -3.0, 1.8), (-0.15, 0.1, 0.35), (0, 0, 1), 36.0, width, height)
+    return Setup(scene, camera, _light(light, (0.9, -0.6, 2.0), light_size, (0, 0, 0.3)))
+
+
+def city(
+    name: str = "munich",
+    width: int = 512,
+    height: int = 512,
+    light: LightKind = "rect",
+    light_size: float = 0.3,
+) -> Setup:
+    """Return a city, two units across, seen obliquely from above.
+
+    Parameters
+    ----------
+    name : str
+        ``"munich"`` or ``"san_francisco"``.
+    width, height : int
+        Image size in pixels.
+    light : {"rect", "disk", "sphere"}
+        Shape of the light, low enough for long shadows.
+    light_size : float
+        Its edge or diameter, world units.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    FileNotFoundError
+        If the model is not installed.
+    """
+    path = city_path(name)
+    if path is None:
+        raise _missing(f"the city {name!r}", "sionna")
+    files = sorted(path.glob("*.ply"))
+    parts = [trimesh.load(file, process=False) for file in files]
+    mesh = trimesh.util.concatenate([p for p in parts if isinstance(p, trimesh.Trimesh)])
+    low, high = mesh.bounds
+    scale = 2.0 / max(high[0] - low[0], high[1] - low[1])
+    middle = 0.5 * (low + high)
+    vertices = (np.asarray(mesh.vertices) - [middle[0], middle[1], low[2]]) * scale
+    scene = Scene()
+    scene.add((vertices, mesh.faces), name=name, albedo=(0.7, 0.68, 0.65))
+    camera = Camera((0.1, -1.15, 0.75), (0.0, -0.1, 0.0), (0, 0, 1), 36.0, width, height)
+    return Setup(scene, camera, _light(light, (-0.9, 0.2, 0.9), light_size, (0, -0.1, 0)))
+
+
+def closed_solids(
+    width: int = 512,
+    height: int = 512,
+    light: LightKind = "rect",
+    light_size: float = 0.6,
+    detail: int = 4,
+    opacity: float = 1.0,
+) -> Setup:
+    """Return spheres, a torus and a box, all watertight, standing on a ground plane.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    light : {"rect", "disk", "sphere"}
+        Shape of the light.
+    light_size : float
+        Its edge or diameter, world units.
+    detail : int
+        Subdivisions: the spheres have ``20 · 4**detail`` triangles, the torus ``8 · 4**detail``.
+    opacity : float
+        Of the solids; the ground is opaque.
+
+    Returns
+    -------
+    Setup
+    """
+    make = trimesh.creation
+    ring = 2**detail
+    torus = make.torus(0.32, 0.09, major_sections=4 * ring, minor_sections=ring)
+    torus.apply_transform(trimesh.transformations.rotation_matrix(math.radians(70), (1, 0, 0.3)))
+    box = make.box((0.4, 0.4, 0.5))
+    box.apply_transform(trimesh.transformations.rotation_matrix(math.radians(25), (0, 0, 1)))
+    solids = {
+        "ball": (make.icosphere(detail, 0.35), (-0.55, 0.25), (0.8, 0.4, 0.3)),
+        "torus": (torus, (0.35, -0.35), (0.4, 0.7, 0.4)),
+        "box": (box, (0.55, 0.5), (0.4, 0.5, 0.8)),
+        "small ball": (make.icosphere(detail, 0.15), (-0.2, -0.55), (0.8, 0.8, 0.3)),
+    }
+    scene = Scene()
+    scene.add(_square(2.5), name="ground", albedo=_PLANE_ALBEDO)
+    for name, (mesh, (x, y), albedo) in solids.items():
+        mesh.apply_translation((x, y, -mesh.bounds[0, 2]))
+        scene.add(mesh, name=name, albedo=albedo, opacity=opacity)
+    camera = Camera((0.2, -2.9, 2.2), (0.0, 0.0, 0.15), (0, 0, 1), 38.0, width, height)
+    return Setup(scene, camera, _light(light, (-0.7, -0.5, 2.0), light_size, (0, 0, 0)))
+
+
+def half_plane(
+    width: int = 256,
+    height: int = 256,
+    light: Literal["rect", "sphere"] = "rect",
+    light_size: float = 0.4,
+    light_height: float = 1.0,
+    blocker_height: float = 0.5,
+) -> Setup:
+    """Return a half-plane blocker between a light and a receiving plane, with its closed form.
+
+    The receiver is the plane ``z = 0``, the light's centre is at ``(0, 0, light_height)``, and the
+    blocker fills ``x <= 0`` at ``z = blocker_height`` (a rectangle large enough to act
+    as a half-plane for all that the camera sees). The camera looks at the penumbra from below the
+    blocker.
+
+    From a receiver at ``x`` the blocker's edge is seen at ``(1 - k) x`` in the light's plane, with
+    ``k = light_height / blocker_height``. So of a square with edge ``a``, facing down, the fraction
+    ``clip(1/2 + (k - 1) x / a, 0, 1)`` is visible, whatever ``y``. A sphere that subtends the
+    half-angle ``α`` is cut by the plane through the receiver and the blocker's edge; with ``δ`` the
+    angle between that plane and the sphere's centre (positive on the open side),
+
+        hidden(δ) = (acos(sin δ / sin α) - cos α · acos(tan δ / tan α)) / (π (1 - cos α))
+
+    is the part of its solid angle on the far side for ``|δ| < α``.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    light : {"rect", "sphere"}
+        Shape of the light.
+    light_size : float
+        The square's edge or the sphere's diameter, world units.
+    light_height, blocker_height : float
+        Over the receiver, world units; the light is wholly above the blocker.
+
+    Returns
+    -------
+    Setup
+        With `visibility`.
+
+    Raises
+    ------
+    ValueError
+        If the heights are not in order, or the light is of another shape.
+    """
+    if light not in ("rect", "sphere"):
+        raise ValueError(f"light: expected 'rect' or 'sphere', got {light!r}")
+    clearance = light_size / 2 if light == "sphere" else 0.0
+    if not 0 < blocker_height < light_height - clearance:
+        raise ValueError(
+            f"half_plane: expected 0 < blocker_height < light_height - {clearance:g}, got "
+            f"{blocker_height:g} and {light_height:g}"
+        )
+    reach = 4.0 * light_height + 4.0
+    scene = Scene()
+    scene.add(_square(2 * reach), name="receiver", albedo=_PLANE_ALBEDO)
+    vertices, faces = _square(reach, blocker_height)
+    scene.add((vertices - [reach, 0, 0], faces), name="blocker", albedo=0.5)
+    h = blocker_height
+    camera = Camera((0, -1.8 * h, 0.85 * h), (0, -0.6 * h, 0), (0, 0, 1), 45.0, width, height)
+    source = _light(light, (0, 0, light_height), light_size, (0, 0, 0))
+    if light == "rect":
+        slope = (light_height / blocker_height - 1) / light_size
+
+        def rectangle(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+            x = np.asarray(points, dtype=np.float64)[..., 0]
+            result: npt.NDArray[np.float64] = np.clip(0.5 + slope * x, 0.0, 1.0)
+            return result
+
+        return Setup(scene, camera, source, rectangle)
+
+    def sphere(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        p = np.asarray(points, dtype=np.float64)
+        return _half_hidden_sphere(p, light_height, light_size / 2, blocker_height)
+
+    return Setup(scene, camera, source, sphere)
+
+
+def _half_hidden_sphere(
+    points: npt.NDArray[np.float64], light_height: float, radius: float, blocker_height: float
+) -> npt.NDArray[np.float64]:
+    to_center = np.array([0.0, 0.0, light_height]) - points
+    distance = np.linalg.norm(to_center, axis=-1)
+    sin_alpha = radius / distance
+    alpha = np.arcsin(sin_alpha)
+    # Normal of the plane through the receiver and the edge (the y axis at the blocker's height),
+    # towards x > 0.
+    dx, dz = -points[..., 0], blocker_height - points[..., 2]
+    sin_delta = (dz * to_center[..., 0] - dx * to_center[..., 2]) / (np.hypot(dx, dz) * distance)
+    delta = np.clip(np.arcsin(sin_delta), -alpha, alpha)
+    ratio_sin = np.clip(np.sin(delta) / sin_alpha, -1, 1)
+    ratio_tan = np.clip(np.tan(delta) / np.tan(alpha), -1, 1)
+    hidden = np.arccos(ratio_sin) - np.cos(alpha) * np.arccos(ratio_tan)
+    result: npt.NDArray[np.float64] = 1 - hidden / (np.pi * (1 - np.cos(alpha)))
+    return result
+
+
+def tilted_sheet(
+    width: int = 256,
+    height: int = 256,
+    light: LightKind = "rect",
+    light_size: float = 0.4,
+    opacity: float = 0.5,
+    sheets: int = 1,
+) -> Setup:
+    """Return tilted translucent sheets that hide the whole light from the middle of a plane.
+
+    Where ``|x|, |y| <= 0.5`` on the plane ``z = 0``, visibility is ``(1 - opacity)**sheets``. The
+    camera sees that part of the plane from below the sheets.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    light : {"rect", "disk", "sphere"}
+        Shape of the light.
+    light_size : float
+        Its edge or diameter, world units; at most 1.
+    opacity : float
+        Of each sheet.
+    sheets : int
+        Stacked, each tilted by 20° and another 5° more than the one below.
+
+    Returns
+    -------
+    Setup
+        With `visibility`.
+    """
+    scene = Scene()
+    scene.add(_square(2.0), name="receiver", albedo=_PLANE_ALBEDO)
+    vertices, faces = _square(1.6)
+    for i in range(sheets):
+        tilt = trimesh.transformations.rotation_matrix(math.radians(20 + 5 * i), (0.6, 0.8, 0))
+        name = scene.add((vertices, faces), name=f"sheet {i}", albedo=0.5, opacity=opacity)
+        tilt[2, 3] = 1.0 + 0.2 * i
+        scene.set_transform(name, tilt)
+    camera = Camera((0.0, -1.3, 0.35), (0.0, 0.0, 0.0), (0, 0, 1), 40.0, width, height)
+    top = _light(light, (0.0, 0.0, 3.0 + 0.2 * sheets), light_size, (0, 0, 0))
+
+    def transmitted(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        shape = np.asarray(points, dtype=np.float64).shape[:-1]
+        return np.full(shape, (1.0 - opacity) ** sheets)
+
+    return Setup(scene, camera, top, transmitted)

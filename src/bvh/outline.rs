@@ -1,0 +1,386 @@
+//! Which edges can be silhouette edges inside the shaft between a group of receivers and a light.
+//!
+//! What a receiver sees of the light changes only across edges where the surface ends or turns away:
+//! at an edge with one triangle on either side, as the receiver sees it, the surface goes on. So if no
+//! such edge crosses a part of the light's outline, either all of that part is hidden or none is.
+//! (Triangles that cut the light itself are an exception; [`touches_light`] finds them.)
+//!
+//! Every edge is stored with one of its triangles. A node of the tree knows a cone that holds the
+//! normals of all triangles at its edges; where the whole group is in front of all of them, or behind
+//! all, the node has no silhouette edge (Sander, Gu, Gortler, Hoppe and Snyder 2000). Edges without
+//! exactly two proper triangles always count.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::TriangleBvh;
+use super::tree::Node;
+use crate::geometry::Geometry;
+use crate::light::Light;
+
+/// Marks an edge that counts as a silhouette edge from everywhere.
+pub const ALWAYS: u32 = u32::MAX;
+
+/// An edge and the corners of its two triangles opposite to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Edge {
+    /// Vertex indices in [`Geometry::positions`].
+    pub ends: [u32; 2],
+    /// Opposite corners; [`ALWAYS`] where there are not exactly two proper triangles.
+    pub opposite: [u32; 2],
+}
+
+/// All normals lie within an angle of an axis; `cos` below -1 is every direction.
+#[derive(Debug, Clone, Copy)]
+struct Cone {
+    axis: Vec3,
+    cos: f32,
+}
+
+impl Cone {
+    const ALL: Cone = Cone { axis: Vec3::Z, cos: -2.0 };
+
+    fn union(self, other: Cone) -> Cone {
+        if self.cos < -1.0 || other.cos < -1.0 {
+            return Cone::ALL;
+        }
+        let (a, b) = (self.cos.clamp(-1.0, 1.0).acos(), other.cos.clamp(-1.0, 1.0).acos());
+        let between = self.axis.cross(other.axis).length().atan2(self.axis.dot(other.axis));
+        if between + b <= a {
+            return self;
+        }
+        if between + a <= b {
+            return other;
+        }
+        // 1e-4 covers the rounding of this very computation, and nothing is lost by it.
+        let half = 0.5 * (a + b + between) + 1e-4;
+        let turned = self.axis.cross(other.axis).try_normalize();
+        match turned {
+            Some(k) if half < std::f32::consts::FRAC_PI_2 => {
+                let angle = half - a;
+                let axis = self.axis * angle.cos() + k.cross(self.axis) * angle.sin();
+                Cone { axis: axis.normalize(), cos: half.cos() }
+            }
+            _ => Cone::ALL,
+        }
+    }
+}
+
+/// The edges of a triangle hierarchy in the order of its leaves, with a cone of normals a node.
+#[derive(Debug, Clone)]
+pub struct Outline {
+    edges: Vec<Edge>,
+    /// First edge of every triangle in leaf order, and the end.
+    first: Vec<u32>,
+    cones: Vec<Option<Cone>>,
+}
+
+impl Outline {
+    /// Collects the edges of `bvh`'s triangles.
+    pub fn new(geometry: &Geometry, bvh: &TriangleBvh) -> Self {
+        let mut place = vec![u32::MAX; geometry.faces.len()];
+        for (k, &f) in bvh.faces.iter().enumerate() {
+            place[f as usize] = k as u32;
+        }
+        let normals: Vec<Vec3> = bvh.faces.par_iter().map(|&f| normal(geometry.corners(f))).collect();
+        // Edges of every mesh that casts, each at the first of its triangles in leaf order.
+        let mut owned: Vec<(u32, Edge)> = Vec::new();
+        for mesh in &geometry.meshes {
+            if place[mesh.first_face as usize] == u32::MAX {
+                continue;
+            }
+            let adjacency = mesh.mesh.adjacency();
+            let found = adjacency.edges().par_iter().enumerate().map(|(e, ends)| {
+                let at = adjacency.incident(e);
+                let leaf = |i: usize| place[(at[i].face + mesh.first_face) as usize];
+                let owner = (0..at.len()).map(leaf).min().unwrap_or(u32::MAX);
+                let proper = at.len() == 2
+                    && at[0].forward != at[1].forward
+                    && (0..2).all(|i| normals[leaf(i) as usize] != Vec3::ZERO);
+                let opposite = if proper {
+                    [at[0].opposite + mesh.first_vertex, at[1].opposite + mesh.first_vertex]
+                } else {
+                    [ALWAYS; 2]
+                };
+                (owner, Edge { ends: ends.map(|v| v + mesh.first_vertex), opposite })
+            });
+            owned.par_extend(found);
+        }
+        owned.par_sort_unstable_by_key(|&(owner, edge)| (owner, edge.ends));
+        let mut first = vec![0u32; bvh.faces.len() + 1];
+        for &(owner, _) in &owned {
+            first[owner as usize + 1] += 1;
+        }
+        for k in 0..bvh.faces.len() {
+            first[k + 1] += first[k];
+        }
+        let edges: Vec<Edge> = owned.into_par_iter().map(|(_, edge)| edge).collect();
+        let mut outline = Outline { edges, first, cones: Vec::new() };
+        outline.cones = outline.node_cones(geometry, &bvh.tree.nodes);
+        outline
+    }
+
+    /// Cones from the leaves up; `None` for a node without edges.
+    fn node_cones(&self, geometry: &Geometry, nodes: &[Node]) -> Vec<Option<Cone>> {
+        let mut cones: Vec<Option<Cone>> = nodes
+            .par_iter()
+            .map(|node| {
+                let range = self.range(node);
+                range.map(|e| self.edge_cone(geometry, e)).reduce(Cone::union)
+            })
+            .collect();
+        for i in (0..nodes.len()).rev() {
+            if nodes[i].count == 0 {
+                cones[i] = match (cones[i + 1], cones[nodes[i].first as usize]) {
+                    (Some(a), Some(b)) => Some(a.union(b)),
+                    (a, b) => a.or(b),
+                };
+            }
+        }
+        cones
+    }
+
+    /// Edges of a leaf; nothing for an inner node.
+    fn range(&self, node: &Node) -> std::ops::Range<usize> {
+        let first = self.first[(node.first as usize).min(self.first.len() - 1)] as usize;
+        if node.count == 0 {
+            return first..first;
+        }
+        first..self.first[(node.first + node.count) as usize] as usize
+    }
+
+    fn edge_cone(&self, geometry: &Geometry, edge: usize) -> Cone {
+        let Edge { ends: [a, b], opposite: [c, d] } = self.edges[edge];
+        if c == ALWAYS {
+            return Cone::ALL;
+        }
+        let at = |v: u32| geometry.positions[v as usize];
+        let one = normal([at(a), at(b), at(c)]);
+        let two = normal([at(b), at(a), at(d)]);
+        Cone { axis: one, cos: 1.0 }.union(Cone { axis: two, cos: 1.0 })
+    }
+
+    /// One edge.
+    pub fn edge(&self, index: u32) -> &Edge {
+        &self.edges[index as usize]
+    }
+
+    /// Adds to `out` the edges in the shaft that can be silhouette edges for one of its receivers.
+    /// Returns false, having stopped early, when there are more than `limit`.
+    pub fn candidates(
+        &self,
+        nodes: &[Node],
+        shaft: &Shaft,
+        limit: usize,
+        stack: &mut Vec<u32>,
+        out: &mut Vec<u32>,
+    ) -> bool {
+        stack.clear();
+        if !nodes.is_empty() {
+            stack.push(0);
+        }
+        while let Some(i) = stack.pop() {
+            let node = &nodes[i as usize];
+            let Some(cone) = self.cones[i as usize] else { continue };
+            if !shaft.meets(node) || shaft.sees_one_side(node, cone) {
+                continue;
+            }
+            if node.count == 0 {
+                stack.extend([node.first, i + 1]);
+                continue;
+            }
+            let range = self.range(node);
+            if out.len() + range.len() > limit {
+                return false;
+            }
+            out.extend(range.map(|e| e as u32));
+        }
+        true
+    }
+
+    /// Bytes of edges and cones.
+    pub fn bytes(&self) -> usize {
+        self.edges.len() * size_of::<Edge>()
+            + self.first.len() * 4
+            + self.cones.len() * size_of::<Option<Cone>>()
+    }
+}
+
+/// Unit normal by the right-hand rule, zero for a triangle without area.
+///
+/// In f64: the products of f32 differences are exact there, so that only a triangle whose corners lie
+/// on one line to within an f32 ulp of its size can come out as zero or askew.
+pub fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    let n = (b - a).cross(c - a);
+    // The cross product rounds by 1e-16 of the product of the sides; above 1e-9 of it the normal is
+    // right to an f32 ulp.
+    if n.length() <= 1e-9 * (b - a).length() * (c - a).length() {
+        return Vec3::ZERO;
+    }
+    n.normalize().as_vec3()
+}
+
+/// The convex hull of a box of receivers and a light's box, as a set of half-spaces (Haines and
+/// Wallace 1991): the box of both, and planes parallel to a coordinate axis that touch both.
+#[derive(Debug, Clone)]
+pub struct Shaft {
+    low: Vec3,
+    high: Vec3,
+    /// `(i, j, ni, nj, offset)`: inside where `ni x_i + nj x_j <= offset`.
+    planes: Vec<(usize, usize, f32, f32, f32)>,
+    center: Vec3,
+    radius: f32,
+}
+
+impl Shaft {
+    /// The shaft from receivers in a box to a light in a box.
+    pub fn new(receivers: (Vec3, Vec3), light: (Vec3, Vec3)) -> Self {
+        let corners = [[receivers.0, light.0], [receivers.1, light.1]];
+        let mut planes = Vec::with_capacity(8);
+        for (i, j) in [(0, 1), (1, 2), (2, 0)] {
+            for (si, sj) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                // The same corner of both boxes, and a normal that points to that corner's side.
+                let [r, l] = [0, 1].map(|k| (corners[si][k][i], corners[sj][k][j]));
+                let (di, dj) = (l.0 - r.0, l.1 - r.1);
+                let out = (if si == 1 { 1.0 } else { -1.0 }, if sj == 1 { 1.0 } else { -1.0 });
+                let turned = if dj * out.0 > 0.0 { (dj, -di) } else { (-dj, di) };
+                if turned.0 * out.0 <= 0.0 || turned.1 * out.1 <= 0.0 {
+                    continue;
+                }
+                // Two products and a sum of coordinates up to the light's, rounded.
+                let reach = (turned.0 * l.0).abs().max((turned.0 * r.0).abs())
+                    + (turned.1 * l.1).abs().max((turned.1 * r.1).abs());
+                let offset = (turned.0 * r.0 + turned.1 * r.1).max(turned.0 * l.0 + turned.1 * l.1);
+                planes.push((i, j, turned.0, turned.1, offset + 1e-6 * reach));
+            }
+        }
+        Shaft {
+            low: receivers.0.min(light.0),
+            high: receivers.1.max(light.1),
+            planes,
+            center: 0.5 * (receivers.0 + receivers.1),
+            radius: 0.5 * (receivers.1 - receivers.0).length(),
+        }
+    }
+
+    /// Whether a box may have a part in the shaft.
+    pub fn meets(&self, node: &Node) -> bool {
+        let (min, max) = (Vec3::from(node.min), Vec3::from(node.max));
+        if min.cmpgt(self.high).any() || max.cmplt(self.low).any() {
+            return false;
+        }
+        self.planes.iter().all(|&(i, j, ni, nj, offset)| {
+            let nearest = |n: f32, k: usize| n * if n > 0.0 { min[k] } else { max[k] };
+            nearest(ni, i) + nearest(nj, j) <= offset
+        })
+    }
+
+    /// Whether all receivers are in front of all triangles with normals in the cone and a corner in
+    /// the box, or behind all.
+    fn sees_one_side(&self, node: &Node, cone: Cone) -> bool {
+        if cone.cos <= 0.0 {
+            return false;
+        }
+        let (min, max) = (Vec3::from(node.min), Vec3::from(node.max));
+        let view = 0.5 * (min + max) - self.center;
+        let distance = view.length();
+        let spread = 0.5 * (max - min).length() + self.radius;
+        if spread >= distance {
+            return false;
+        }
+        let sin_b = spread / distance;
+        let cos_b = (1.0 - sin_b * sin_b).sqrt();
+        let sin_a = (1.0 - cone.cos * cone.cos).max(0.0).sqrt();
+        // The sum of both angles must stay under a right angle for its sine to grow with it.
+        if cone.cos * cos_b - sin_a * sin_b <= 0.0 {
+            return false;
+        }
+        let along = cone.axis.dot(view).abs() / distance;
+        // 1e-4: as in the union of cones, for the rounding of a handful of unit-sized terms.
+        along > sin_a * cos_b + cone.cos * sin_b + 1e-4
+    }
+}
+
+/// Whether a triangle reaches into the light, so that moving a light point can uncover it without an
+/// edge in between. Triangles wholly on or behind a flat light's back cannot hide it.
+pub fn touches_light(bvh: &TriangleBvh, light: &Light, stack: &mut Vec<u32>) -> bool {
+    let (low, high) = light.bounds();
+    // Light points are moved off the light by four ulps; sixteen cover that and the rounding here.
+    let slack = 4.0 * crate::sampling::POINT_OFFSET * low.abs().max(high.abs()).max_element().max(1.0);
+    let (low, high) = ((low - slack).as_vec3(), (high + slack).as_vec3());
+    let overlaps = |min: Vec3, max: Vec3| !(min.cmpgt(high).any() || max.cmplt(low).any());
+    stack.clear();
+    if !bvh.tree.nodes.is_empty() {
+        stack.push(0);
+    }
+    while let Some(i) = stack.pop() {
+        let node = &bvh.tree.nodes[i as usize];
+        if !overlaps(node.min.into(), node.max.into()) {
+            continue;
+        }
+        if node.count == 0 {
+            stack.extend([node.first, i + 1]);
+            continue;
+        }
+        for &[a, b, c] in &bvh.corners[node.first as usize..(node.first + node.count) as usize] {
+            if !overlaps(a.min(b).min(c), a.max(b).max(c)) {
+                continue;
+            }
+            let in_front = match light.normal() {
+                Some(n) => {
+                    let height = |v: Vec3| n.dot(v.as_dvec3() - light.center());
+                    height(a).max(height(b)).max(height(c)) > 0.25 * slack
+                }
+                None => true,
+            };
+            if in_front {
+                return true;
+            }
+        }
+    }
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(min: Vec3, max: Vec3) -> Node {
+        Node { min: min.to_array(), max: max.to_array(), first: 0, count: 1 }
+    }
+
+    #[test]
+    fn a_shaft_holds_every_point_between_its_boxes_and_little_else() {
+        let receivers = (Vec3::new(0.0, 0.0, 0.0), Vec3::new(0.1, 0.2, 0.0));
+        let light = (Vec3::new(0.5, -0.3, 2.0), Vec3::new(0.9, 0.1, 2.1));
+        let shaft = Shaft::new(receivers, light);
+        for step in 0..=10 {
+            let t = step as f32 / 10.0;
+            for corner in 0..8 {
+                let pick = |b: (Vec3, Vec3)| {
+                    Vec3::from_array(std::array::from_fn(|k| if corner >> k & 1 == 1 { b.1[k] } else { b.0[k] }))
+                };
+                let p = pick(receivers).lerp(pick(light), t);
+                assert!(shaft.meets(&node(p, p)), "{p}");
+            }
+        }
+        // In the box of both, but beside the shaft.
+        for p in [Vec3::new(0.8, 0.1, 0.2), Vec3::new(0.05, 0.1, 1.9), Vec3::new(0.85, 0.18, 1.0)] {
+            assert!(!shaft.meets(&node(p, p)), "{p}");
+        }
+    }
+
+    #[test]
+    fn a_cone_of_a_union_holds_both() {
+        let a = Cone { axis: Vec3::Z, cos: 0.99 };
+        let b = Cone { axis: Vec3::new(0.5, 0.2, 1.0).normalize(), cos: 0.97 };
+        let both = a.union(b);
+        for cone in [a, b] {
+            let half = cone.cos.acos() + cone.axis.dot(both.axis).min(1.0).acos();
+            assert!(half <= both.cos.acos() + 1e-6);
+        }
+        assert!(a.union(Cone { axis: -Vec3::Z, cos: 1.0 }).cos < -1.0);
+        assert!(a.union(Cone::ALL).cos < -1.0);
+    }
+}

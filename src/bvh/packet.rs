@@ -1,0 +1,328 @@
+//! Sixteen segments at a time against opaque triangles.
+//!
+//! Boxes are tested against all segments with slabs widened by more than what the triangle test can
+//! round (so that no box hides a triangle that the test would have hit), triangles by Woop's test:
+//! vertices are sheared so that the segment runs along one axis from the origin, once a vertex and
+//! segment, so that triangles that share an edge see the same numbers; the signs of the three edge
+//! functions then decide, zero counting as inside on both sides. The sheared products are rounded
+//! monotonically, so a sign is right or zero. Segments are grouped by their longest axis.
+//!
+//! Where along the segment a triangle lies is decided by the signs of `T` and `D - T`, with `T / D` the
+//! fraction of the segment: both have the same sign where the ends are on different sides. A sign
+//! within its rounding error is taken from `robust::orient3d` instead: `T` has the sign of the origin
+//! over the triangle's plane, `D - T` that of the target under it.
+
+use glam::Vec3;
+use robust::{Coord3D, orient3d};
+
+use super::TriangleBvh;
+use super::tree::Node;
+use crate::simd::{LANES, Lanes, Level, Row, detect, dispatch};
+
+/// By how much boxes are widened, times the largest coordinate: a sheared vertex is off by less than
+/// 3 rounding errors (2⁻²⁴) of its distance from the origin, itself at most twice that coordinate.
+const BOX_SLACK: f32 = 8.0 / (1 << 24) as f32;
+
+/// The slab test's own rounding, `1 + 2 γ(3)` (Ize 2013).
+const SLAB_SLACK: f32 = 1.0 + 8.0 / (1 << 24) as f32;
+
+/// Rounding error of `T` and `D - T` over the product of the largest sheared x, y and z: 6 products in
+/// the edge functions, each with up to 9 rounding errors by the time they are summed, is 54 · 2⁻²⁴.
+const SIDE_ERROR: f32 = 64.0 / (1 << 24) as f32;
+
+/// Smallest direction component that slabs divide by; local coordinates are of order 1.
+const TINY: f32 = 1e-20;
+
+/// Nodes still to visit; kept between calls so that no traversal allocates.
+pub type Stack = Vec<u32>;
+
+/// Sixteen segments in local coordinates.
+#[derive(Debug, Clone, Default)]
+pub struct Packet {
+    origin: [Row; 3],
+    target: [Row; 3],
+}
+
+impl Packet {
+    /// Sets one segment.
+    #[inline]
+    pub fn set(&mut self, lane: usize, origin: Vec3, target: Vec3) {
+        for axis in 0..3 {
+            self.origin[axis].0[lane] = origin[axis];
+            self.target[axis].0[lane] = target[axis];
+        }
+    }
+
+    /// Start of a segment.
+    pub fn origin(&self, lane: usize) -> Vec3 {
+        Vec3::from_array(std::array::from_fn(|k| self.origin[k].0[lane]))
+    }
+
+    /// End of a segment.
+    pub fn target(&self, lane: usize) -> Vec3 {
+        Vec3::from_array(std::array::from_fn(|k| self.target[k].0[lane]))
+    }
+}
+
+/// Returns which of the segments in `active` an opaque triangle blocks.
+pub fn blocked(bvh: &TriangleBvh, packet: &Packet, active: u16, stack: &mut Stack) -> u16 {
+    blocked_at(detect(), bvh, packet, active, stack)
+}
+
+fn blocked_at(
+    level: Level,
+    bvh: &TriangleBvh,
+    packet: &Packet,
+    active: u16,
+    stack: &mut Stack,
+) -> u16 {
+    if bvh.tree.nodes.is_empty() {
+        return 0;
+    }
+    dispatch!(level => all_axes(
+        bvh: &TriangleBvh, packet: &Packet, active: u16, stack: &mut Stack) -> u16)
+}
+
+/// Groups the segments by their longest axis and traverses once a group; almost always one.
+#[inline(always)]
+unsafe fn all_axes<S: Lanes>(
+    bvh: &TriangleBvh,
+    packet: &Packet,
+    active: u16,
+    stack: &mut Stack,
+) -> u16 {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let size = |k: usize| S::load(&packet.target[k]).sub(S::load(&packet.origin[k])).abs();
+        let (x, y, z) = (size(0), size(1), size(2));
+        let along_z = x.le(z) & y.le(z);
+        let along_x = !along_z & y.le(x);
+        let along_y = !along_z & !along_x;
+        let mut out = 0;
+        for (axis, group) in [(2, along_z), (0, along_x), (1, along_y)] {
+            if group & active != 0 {
+                out |= traverse::<S>(bvh, packet, axis, group & active, stack);
+            }
+        }
+        out
+    }
+}
+
+/// What the box and triangle tests need of the segments.
+struct Rays<S> {
+    /// Origins moved down and up by the box slack.
+    low: [S; 3],
+    high: [S; 3],
+    inverse: [S; 3],
+    /// Origins in the order of the sheared axes.
+    origin: [S; 3],
+    shear: [S; 2],
+    length: S,
+    /// Axes in cyclic order, the longest last.
+    axes: [usize; 3],
+}
+
+#[inline(always)]
+unsafe fn traverse<S: Lanes>(
+    bvh: &TriangleBvh,
+    packet: &Packet,
+    axis: usize,
+    mut active: u16,
+    stack: &mut Stack,
+) -> u16 {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let rays = prepare::<S>(packet, axis);
+        let nodes = &bvh.tree.nodes[..];
+        let mut found = 0;
+        stack.clear();
+        stack.reserve(bvh.tree.depth + 1);
+        if enter(&nodes[0], &rays) & active == 0 {
+            return 0;
+        }
+        let mut current = 0u32;
+        loop {
+            let node = &nodes[current as usize];
+            if node.count > 0 {
+                for k in node.first..node.first + node.count {
+                    let hit = triangle(&bvh.corners[k as usize], packet, &rays, active);
+                    found |= hit;
+                    active &= !hit;
+                    if active == 0 {
+                        return found;
+                    }
+                }
+            } else {
+                let (left, right) = (current + 1, node.first);
+                let in_left = enter(&nodes[left as usize], &rays) & active;
+                let in_right = enter(&nodes[right as usize], &rays) & active;
+                if in_left != 0 || in_right != 0 {
+                    // The child that more segments enter first: it is more likely to end them all.
+                    let (near, far, both) = if in_left.count_ones() >= in_right.count_ones() {
+                        (left, right, in_right != 0)
+                    } else {
+                        (right, left, in_left != 0)
+                    };
+                    if both {
+                        stack.push(far);
+                    }
+                    current = near;
+                    continue;
+                }
+            }
+            match stack.pop() {
+                Some(next) => current = next,
+                None => return found,
+            }
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn prepare<S: Lanes>(packet: &Packet, axis: usize) -> Rays<S> {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let axes = [(axis + 1) % 3, (axis + 2) % 3, axis];
+        let o = |k: usize| S::load(&packet.origin[k]);
+        let d = |k: usize| S::load(&packet.target[k]).sub(o(k));
+        let mut largest = 1.0f32;
+        for k in 0..3 {
+            for lane in 0..LANES {
+                largest = largest.max(packet.origin[k].0[lane].abs());
+            }
+        }
+        let slack = S::splat(BOX_SLACK * largest);
+        let inverse = |k: usize| {
+            let mut row = Row::default();
+            d(k).store(&mut row);
+            for x in &mut row.0 {
+                *x = if x.abs() < TINY { TINY } else { *x };
+            }
+            S::splat(1.0).div(S::load(&row))
+        };
+        let length = d(axis);
+        Rays {
+            low: [o(0).sub(slack), o(1).sub(slack), o(2).sub(slack)],
+            high: [o(0).add(slack), o(1).add(slack), o(2).add(slack)],
+            inverse: [inverse(0), inverse(1), inverse(2)],
+            origin: axes.map(|k| o(k)),
+            shear: [d(axes[0]).div(length), d(axes[1]).div(length)],
+            length,
+            axes,
+        }
+    }
+}
+
+/// Segments that may enter the box.
+#[inline(always)]
+unsafe fn enter<S: Lanes>(node: &Node, rays: &Rays<S>) -> u16 {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let (mut near, mut far) = (S::splat(0.0), S::splat(1.0));
+        for k in 0..3 {
+            let a = S::splat(node.min[k]).sub(rays.high[k]).mul(rays.inverse[k]);
+            let b = S::splat(node.max[k]).sub(rays.low[k]).mul(rays.inverse[k]);
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+        }
+        near.le(far.mul(S::splat(SLAB_SLACK)))
+    }
+}
+
+/// Segments of `active` that the triangle blocks.
+#[inline(always)]
+unsafe fn triangle<S: Lanes>(
+    corners: &[Vec3; 3],
+    packet: &Packet,
+    rays: &Rays<S>,
+    active: u16,
+) -> u16 {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let [kx, ky, kz] = rays.axes;
+        let shear = |v: &Vec3| {
+            let z = S::splat(v[kz]).sub(rays.origin[2]);
+            let x = S::splat(v[kx]).sub(rays.origin[0]).sub(rays.shear[0].mul(z));
+            let y = S::splat(v[ky]).sub(rays.origin[1]).sub(rays.shear[1].mul(z));
+            (x, y, z)
+        };
+        let (ax, ay, az) = shear(&corners[0]);
+        let (bx, by, bz) = shear(&corners[1]);
+        let (cx, cy, cz) = shear(&corners[2]);
+        let u = cx.mul(by).sub(cy.mul(bx));
+        let v = ax.mul(cy).sub(ay.mul(cx));
+        let w = bx.mul(ay).sub(by.mul(ax));
+        let zero = S::splat(0.0);
+        let inside = (zero.le(u.min(v).min(w)) | u.max(v).max(w).le(zero)) & active;
+        if inside == 0 {
+            return 0;
+        }
+        let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz));
+        let rest = u.add(v).add(w).mul(rays.length).sub(t);
+        let largest = |a: S, b: S, c: S| a.abs().max(b.abs()).max(c.abs());
+        let reach = largest(az, bz, cz).max(rays.length.abs());
+        let error = largest(ax, bx, cx)
+            .mul(largest(ay, by, cy))
+            .mul(reach)
+            .mul(S::splat(SIDE_ERROR));
+        let (low, high) = (t.min(rest), t.max(rest));
+        let negative = zero.sub(error);
+        let hit = inside & (error.lt(low) | high.lt(negative));
+        let miss = low.lt(negative) & error.lt(high);
+        let unsure = inside & !hit & !miss;
+        if unsure == 0 { hit } else { hit | settle(corners, packet, t, rest, error, unsure) }
+    }
+}
+
+/// The exact answer for segments whose rounded one is within its error.
+#[inline(always)]
+unsafe fn settle<S: Lanes>(
+    corners: &[Vec3; 3],
+    packet: &Packet,
+    t: S,
+    rest: S,
+    error: S,
+    mut unsure: u16,
+) -> u16 {
+    let (mut t_row, mut rest_row, mut error_row) = (Row::default(), Row::default(), Row::default());
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        t.store(&mut t_row);
+        rest.store(&mut rest_row);
+        error.store(&mut error_row);
+    }
+    let mut hit = 0;
+    // Segments of one receiver share their origin: its side is found once.
+    let mut known: Option<(Vec3, f64)> = None;
+    while unsure != 0 {
+        let lane = unsure.trailing_zeros() as usize;
+        unsure &= unsure - 1;
+        let (t, rest, error) = (t_row.0[lane], rest_row.0[lane], error_row.0[lane]);
+        let from = if t.abs() > error {
+            f64::from(t)
+        } else {
+            let origin = packet.origin(lane);
+            match known {
+                Some((p, side)) if p == origin => side,
+                _ => {
+                    let side = -plane_side(corners, origin);
+                    known = Some((origin, side));
+                    side
+                }
+            }
+        };
+        let to = if rest.abs() > error {
+            f64::from(rest)
+        } else {
+            plane_side(corners, packet.target(lane))
+        };
+        hit |= u16::from((from > 0.0 && to > 0.0) || (from < 0.0 && to < 0.0)) << lane;
+    }
+    hit
+}
+
+/// Exact side of `p`: positive under the triangle (which runs counter-clockwise seen from above).
+pub(super) fn plane_side(corners: &[Vec3; 3], p: Vec3) -> f64 {
+    let coord = |v: Vec3| Coord3D { x: f64::from(v.x), y: f64::from(v.y), z: f64::from(v.z) };
+    orient3d(coord(corners[0]), coord(corners[1]), coord(corners[2]), coord(p))
+}

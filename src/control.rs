@@ -1,0 +1,51 @@
+//! Progress and cancellation, shared between a running kernel and whoever waits for it.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use crate::error::{Error, Result};
+
+/// Counts finished work items and carries the wish to stop.
+///
+/// Kernels call [`Control::step`] once a tile, a few hundred times a second, so the atomics cost
+/// nothing next to the work.
+#[derive(Debug, Default)]
+pub struct Control {
+    done: AtomicUsize,
+    total: AtomicUsize,
+    cancelled: AtomicBool,
+}
+
+impl Control {
+    /// Announces `items` more work items.
+    pub fn expect(&self, items: usize) {
+        self.total.fetch_add(items, Ordering::Relaxed);
+    }
+
+    /// Marks one work item as finished.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] once [`Control::cancel`] was called.
+    pub fn step(&self) -> Result<()> {
+        self.done.fetch_add(1, Ordering::Relaxed);
+        self.check()
+    }
+
+    /// Returns [`Error::Cancelled`] once [`Control::cancel`] was called.
+    ///
+    /// # Errors
+    /// As said.
+    pub fn check(&self) -> Result<()> {
+        if self.cancelled.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }
+    }
+
+    /// Asks the kernel to stop at its next step.
+    pub fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Relaxed);
+    }
+
+    /// Finished fraction, 0 to 1.
+    pub fn fraction(&self) -> f64 {
+        let total = self.total.load(Ordering::Relaxed).max(1);
+        (self.done.load(Ordering::Relaxed) as f64 / total as f64).min(1.0)
+    }
+}

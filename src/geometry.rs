@@ -1,0 +1,234 @@
+//! What the methods work on: all triangles and spheres of a scene in one local frame.
+//!
+//! Local coordinates have their origin in the middle of the scene's bounds and a power of two as
+//! their unit, chosen so that every coordinate lies in [-1, 1]. They are `f32`, which costs a vertex
+//! at most half an ulp of the scene's size whatever the scene's offset and scale, and a scene scaled
+//! by a power of two has the same local coordinates to the bit. Everything in this crate that says
+//! *local* means this frame; lengths that depend on the scene's size are constants in it.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::bvh::Occluders;
+use crate::error::{Error, Result};
+use crate::mesh::TriMesh;
+use crate::scene::{Entry, Material, Shape};
+
+/// The map between world and local coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// World position of the local origin.
+    pub origin: DVec3,
+    /// World units in a local unit, a power of two.
+    pub unit: f64,
+}
+
+impl Frame {
+    /// World position to local position.
+    pub fn to_local(&self, p: DVec3) -> DVec3 {
+        (p - self.origin) / self.unit
+    }
+
+    /// World direction or edge vector to local.
+    pub fn vector_to_local(&self, v: DVec3) -> DVec3 {
+        v / self.unit
+    }
+
+    /// Local position to world position.
+    pub fn to_world(&self, p: DVec3) -> DVec3 {
+        p * self.unit + self.origin
+    }
+}
+
+/// The triangles of one entry.
+#[derive(Debug, Clone)]
+pub struct MeshRange {
+    /// Index of the entry in the scene.
+    pub entry: u32,
+    /// Its first triangle in [`Geometry::faces`], and their number.
+    pub first_face: u32,
+    /// Number of triangles.
+    pub faces: u32,
+    /// What is added to the mesh's own vertex indices.
+    pub first_vertex: u32,
+    /// The mesh, for its adjacency.
+    pub mesh: Arc<TriMesh>,
+}
+
+/// A sphere in local coordinates.
+#[derive(Debug, Clone, Copy)]
+pub struct Sphere {
+    /// Local centre.
+    pub center: DVec3,
+    /// Local radius.
+    pub radius: f64,
+    /// Index of the entry in the scene.
+    pub entry: u32,
+    /// Index among the entry's spheres.
+    pub index: u32,
+}
+
+/// All triangles and spheres of a scene, in local coordinates.
+#[derive(Debug)]
+pub struct Geometry {
+    /// The map to world coordinates.
+    pub frame: Frame,
+    /// Local vertices, those of all meshes one after the other.
+    pub positions: Vec<Vec3>,
+    /// Triangles of all meshes; joined vertices have one index.
+    pub faces: Vec<[u32; 3]>,
+    /// Which triangles belong to which entry, in order.
+    pub meshes: Vec<MeshRange>,
+    /// Spheres of all entries.
+    pub spheres: Vec<Sphere>,
+    /// Looks of the scene's entries.
+    pub materials: Vec<Material>,
+    occluders: OnceLock<Occluders>,
+    inherited: Option<Occluders>,
+}
+
+impl Geometry {
+    /// Snapshots `entries`. `previous`, if given, has the same entries at other positions.
+    ///
+    /// # Errors
+    /// No entries, or more triangles than 32-bit corner ids can count.
+    pub fn new(entries: &[Entry], previous: Option<&Geometry>) -> Result<Self> {
+        if entries.is_empty() {
+            return Err(Error::scene("scene", "it has no meshes or spheres"));
+        }
+        let mut world: Vec<Vec<DVec3>> = Vec::new();
+        let mut meshes = Vec::new();
+        let mut faces: Vec<[u32; 3]> = Vec::new();
+        let mut first_vertex = 0usize;
+        let mut bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for (entry, e) in entries.iter().enumerate() {
+            match &e.shape {
+                Shape::Mesh(mesh, transform) => {
+                    let count = faces.len() + mesh.faces().len();
+                    let limit = u32::MAX as usize / 4;
+                    if count > limit || first_vertex + mesh.vertices().len() > limit {
+                        let what = "scene".to_string();
+                        return Err(Error::TooLarge { what, count, items: "triangles", limit });
+                    }
+                    let moved: Vec<DVec3> =
+                        mesh.vertices().par_iter().map(|&v| transform.transform_point3(v)).collect();
+                    let (low, high) = mesh
+                        .faces()
+                        .par_iter()
+                        .map(|f| {
+                            let [a, b, c] = f.map(|v| moved[v as usize]);
+                            (a.min(b).min(c), a.max(b).max(c))
+                        })
+                        .reduce(|| (DVec3::INFINITY, DVec3::NEG_INFINITY), union);
+                    if !(low.is_finite() && high.is_finite() && (high - low).is_finite()) {
+                        let what = format!("mesh {:?}", e.name);
+                        return Err(Error::scene(what, "its world coordinates overflow"));
+                    }
+                    bounds = union(bounds, (low, high));
+                    meshes.push(MeshRange {
+                        entry: entry as u32,
+                        first_face: faces.len() as u32,
+                        faces: mesh.faces().len() as u32,
+                        first_vertex: first_vertex as u32,
+                        mesh: mesh.clone(),
+                    });
+                    let base = first_vertex as u32;
+                    faces.extend(mesh.faces().iter().map(|f| f.map(|v| v + base)));
+                    first_vertex += moved.len();
+                    world.push(moved);
+                }
+                Shape::Spheres(spheres) => {
+                    for &(c, r) in spheres.iter() {
+                        bounds = union(bounds, (c - r, c + r));
+                    }
+                }
+            }
+        }
+        if bounds.0 == bounds.1 {
+            let reason = format!("in f64 all of it lies in the one world point {}", bounds.0);
+            return Err(Error::scene("scene", reason));
+        }
+        let frame = frame_of(bounds.0, bounds.1);
+        let mut positions = Vec::with_capacity(first_vertex);
+        for vertices in &world {
+            // A vertex that no face uses may lie anywhere; clamped, it stays finite in f32.
+            let local = |v: &DVec3| frame.to_local(*v).clamp(DVec3::splat(-2.0), DVec3::splat(2.0));
+            positions.par_extend(vertices.par_iter().map(|v| local(v).as_vec3()));
+        }
+        let mut spheres = Vec::new();
+        for (entry, e) in entries.iter().enumerate() {
+            let Shape::Spheres(list) = &e.shape else { continue };
+            spheres.extend(list.iter().enumerate().map(|(index, &(c, r))| Sphere {
+                center: frame.to_local(c),
+                radius: r / frame.unit,
+                entry: entry as u32,
+                index: index as u32,
+            }));
+        }
+        Ok(Geometry {
+            frame,
+            positions,
+            faces,
+            meshes,
+            spheres,
+            materials: entries.iter().map(|e| e.material).collect(),
+            occluders: OnceLock::new(),
+            inherited: previous.and_then(|p| p.occluders.get().or(p.inherited.as_ref()).cloned()),
+        })
+    }
+
+    /// The hierarchies over everything that casts; built (or refitted) at the first call.
+    pub fn occluders(&self) -> &Occluders {
+        self.occluders.get_or_init(|| match &self.inherited {
+            Some(known) => known.refitted(self),
+            None => Occluders::new(self),
+        })
+    }
+
+    /// Corners of a triangle.
+    pub fn corners(&self, face: u32) -> [Vec3; 3] {
+        self.faces[face as usize].map(|v| self.positions[v as usize])
+    }
+
+    /// The mesh that a triangle belongs to.
+    pub fn mesh_of(&self, face: u32) -> &MeshRange {
+        &self.meshes[self.meshes.partition_point(|m| m.first_face <= face) - 1]
+    }
+
+    /// The material of an entry.
+    pub fn material(&self, entry: u32) -> &Material {
+        &self.materials[entry as usize]
+    }
+}
+
+fn union(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
+    (a.0.min(b.0), a.1.max(b.1))
+}
+
+/// The frame whose unit is the smallest power of two that puts the bounds into [-1, 1].
+fn frame_of(low: DVec3, high: DVec3) -> Frame {
+    let half = (0.5 * high - 0.5 * low).max_element();
+    let unit = half.log2().ceil().exp2();
+    // `log2` may round down at a power of two.
+    let unit = if unit < half { unit * 2.0 } else { unit };
+    Frame { origin: 0.5 * low + 0.5 * high, unit }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_frame_covers_the_bounds_and_its_unit_is_a_power_of_two() {
+        for scale in [1e-30, 1e-6, 0.7, 1.0, 3.0, 1e6, 1e30] {
+            let offset = DVec3::new(1e4, -2e4, 3e3) * scale;
+            let frame = frame_of(offset - scale, offset + DVec3::new(scale, 0.5 * scale, 0.0));
+            let corner = frame.to_local(offset + DVec3::new(scale, 0.0, 0.0));
+            assert!((0.5..=1.0).contains(&corner.x), "{scale}: {corner}");
+            assert_eq!(frame.unit.log2().fract(), 0.0);
+            assert_eq!(frame.to_world(DVec3::ZERO), frame.origin);
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Hard shadows: one shadow ray from each receiver to the light's centre.
+//!
+//! Visibility is the ray's transmittance, at most `h`, the part of the light above the receiver's
+//! tangent plane. Exact for a light of size zero, and wrong by the whole penumbra for any other: that is
+//! what the other methods are measured against.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::{Method, Prepared, Shading};
+use crate::bvh::packet::Packet;
+use crate::control::Control;
+use crate::error::Result;
+use crate::geometry::Geometry;
+use crate::light::Light;
+use crate::receivers::Receivers;
+use crate::sampling::POINT_OFFSET;
+use crate::simd::LANES;
+
+/// Hard shadows; no parameters.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Hard;
+
+impl Method for Hard {
+    fn name(&self) -> &'static str {
+        "hard"
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        control.check()?;
+        geometry.occluders();
+        let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        Ok(Box::new(PreparedHard { geometry, lights }))
+    }
+}
+
+struct PreparedHard {
+    geometry: Arc<Geometry>,
+    lights: Vec<Light>,
+}
+
+impl Prepared for PreparedHard {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+        let light = &self.lights[light];
+        let occluders = self.geometry.occluders();
+        // Towards the emitting side, as the light sampler moves its points.
+        let size = light.center().abs().max_element().max(1.0);
+        let lift = light.normal().unwrap_or_default() * (POINT_OFFSET * size);
+        let target = (light.center() + lift).as_vec3();
+        control.expect(receivers.groups.len().saturating_sub(1));
+        let parts: Vec<Vec<f32>> = receivers
+            .group_ranges()
+            .map_init(Default::default, |(packet, stack): &mut (Packet, Vec<u32>), range| {
+                control.step()?;
+                let mut out = Vec::with_capacity(range.len());
+                let ids: Vec<usize> = range.collect();
+                for lanes in ids.chunks(LANES) {
+                    for (lane, &i) in lanes.iter().enumerate() {
+                        packet.set(lane, receivers.ray_origin(i), target);
+                    }
+                    let active = u16::MAX >> (LANES - lanes.len());
+                    let mut through = [0.0; LANES];
+                    occluders.transmittance(packet, active, stack, &mut through);
+                    for (&i, t) in lanes.iter().zip(through) {
+                        let h = light.fraction_above(receivers.positions[i], receivers.normals[i]);
+                        out.push(t.min(h as f32));
+                    }
+                }
+                Ok(out)
+            })
+            .collect::<Result<_>>()?;
+        Ok(Shading { visibility: parts.concat(), irradiance: None })
+    }
+
+    fn bytes(&self) -> usize {
+        self.geometry.occluders().bytes()
+    }
+}

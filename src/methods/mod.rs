@@ -1,0 +1,58 @@
+//! The methods, each in a file or folder of its own, and what they have in common.
+//!
+//! - [`hard`]: one shadow ray to the light's centre;
+//! - [`ray_traced`]: stratified light samples against the hierarchy, the reference.
+//!
+//! A method prepares itself once for a scene and its lights ([`Method::prepare`]) and then answers for
+//! any receivers ([`Prepared::shade`]). It says which fraction of a light each receiver sees; turning
+//! that into radiance is the same for all ([`crate::render`]).
+
+pub mod hard;
+pub mod ray_traced;
+
+use std::sync::Arc;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::geometry::Geometry;
+use crate::light::Light;
+use crate::receivers::Receivers;
+
+/// What a method finds for every receiver under one light, in the receivers' order.
+#[derive(Debug, Clone, Default)]
+pub struct Shading {
+    /// Fraction of the light that is seen, 0 to 1.
+    pub visibility: Vec<f32>,
+    /// Irradiance at radiance 1, where the method weights its own samples; otherwise it is the
+    /// unshadowed irradiance times visibility over `h`.
+    pub irradiance: Option<Vec<f32>>,
+}
+
+/// A method with its parameters.
+pub trait Method: Send + Sync {
+    /// The name that users call it by.
+    fn name(&self) -> &'static str;
+
+    /// Builds what is paid once for a scene and its lights, which are in world coordinates.
+    ///
+    /// # Errors
+    /// What the method cannot do, or [`crate::error::Error::Cancelled`].
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>>;
+}
+
+/// A method that is ready to answer.
+pub trait Prepared: Send + Sync {
+    /// Answers for all receivers under light number `light`.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`].
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading>;
+
+    /// Bytes of the method's own data structures.
+    fn bytes(&self) -> usize;
+}

@@ -1,0 +1,40 @@
+//! The sink that keeps the nearest triangle of every pixel.
+
+use super::{SPAN, Sink, Tile};
+
+/// Marks a pixel that nothing covers.
+pub const NONE: u32 = u32::MAX;
+
+/// Inverse depth and triangle of a tile's pixels, in rows.
+#[derive(Debug, Clone)]
+pub struct Nearest {
+    tile: Tile,
+    /// 0 where nothing was hit.
+    pub inverse_depth: Vec<f64>,
+    /// [`NONE`] where nothing was hit; of triangles at equal depth the first.
+    pub triangle: Vec<u32>,
+}
+
+impl Nearest {
+    /// An empty tile.
+    pub fn new(tile: Tile) -> Self {
+        let n = (tile.width * tile.height) as usize;
+        Nearest { tile, inverse_depth: vec![0.0; n], triangle: vec![NONE; n] }
+    }
+}
+
+impl Sink for Nearest {
+    #[inline]
+    fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], triangle: u32) {
+        let first = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;
+        let mut left = mask;
+        while left != 0 {
+            let i = left.trailing_zeros() as usize;
+            left &= left - 1;
+            if inverse_depth[i] > self.inverse_depth[first + i] {
+                self.inverse_depth[first + i] = inverse_depth[i];
+                self.triangle[first + i] = triangle;
+            }
+        }
+    }
+}

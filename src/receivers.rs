@@ -1,0 +1,324 @@
+//! The points that visibility is wanted for: one type for a camera's pixels and a user's own points.
+//!
+//! Receivers come in groups of up to [`GROUP`] neighbours, 8×8 pixels or points that are close on a
+//! Morton curve, so that methods can share work between them.
+//!
+//! Positions of pixels are found on the plane of the triangle that the rasteriser saw, in `f64`: they
+//! lie on the surface to a few `f64` ulps.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::camera::Camera;
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::{Geometry, Sphere};
+use crate::mesh::check_finite;
+use crate::raster::nearest::{NONE, Nearest};
+use crate::raster::{TILE, rasterize};
+use crate::sampling::POINT_OFFSET;
+
+/// Most receivers in a group.
+pub const GROUP: usize = 64;
+
+/// Side of a group of pixels.
+const BLOCK: u32 = 8;
+
+/// Receivers in local coordinates.
+#[derive(Debug, Clone, Default)]
+pub struct Receivers {
+    /// Local positions.
+    pub positions: Vec<DVec3>,
+    /// Unit normals; zero where a receiver has no tangent plane.
+    pub normals: Vec<DVec3>,
+    /// Index of each receiver in the user's array or among the camera's pixels.
+    pub index: Vec<u32>,
+    /// Where each group starts, and the end.
+    pub groups: Vec<u32>,
+}
+
+impl Receivers {
+    /// Number of receivers.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Ranges of receivers that are neighbours.
+    pub fn group_ranges(&self) -> impl IndexedParallelIterator<Item = std::ops::Range<usize>> {
+        self.groups.par_windows(2).map(|w| w[0] as usize..w[1] as usize)
+    }
+
+    /// Where rays of receiver `i` start: moved along its normal by four ulps of the largest coordinate
+    /// (at least of 1), more than the rounding to `f32`, so that the start is strictly in front of the
+    /// receiver's own plane.
+    pub fn ray_origin(&self, i: usize) -> Vec3 {
+        let (p, n) = (self.positions[i], self.normals[i]);
+        (p + n * (POINT_OFFSET * p.abs().max_element().max(1.0))).as_vec3()
+    }
+
+    /// A user's own points, in world coordinates.
+    ///
+    /// # Errors
+    /// A coordinate that is not finite, a zero normal, or more points than 32-bit indices.
+    pub fn from_points(
+        geometry: &Geometry,
+        points: &[DVec3],
+        normals: Option<&[DVec3]>,
+    ) -> Result<Self> {
+        let limit = u32::MAX as usize;
+        if points.len() > limit {
+            let (what, count) = ("points".to_string(), points.len());
+            return Err(Error::TooLarge { what, count, items: "points", limit });
+        }
+        check_finite("points", "point", points)?;
+        if let Some(normals) = normals {
+            check_finite("normals", "normal", normals)?;
+            if let Some(i) = normals.iter().position(|n| n.try_normalize().is_none()) {
+                return Err(Error::parameter("normals", format!("normal {i} is zero")));
+            }
+        }
+        let local: Vec<DVec3> = points.par_iter().map(|&p| geometry.frame.to_local(p)).collect();
+        let mut order: Vec<(u64, u32)> =
+            local.par_iter().enumerate().map(|(i, p)| (morton(*p), i as u32)).collect();
+        order.par_sort_unstable();
+        let index: Vec<u32> = order.into_iter().map(|(_, i)| i).collect();
+        let normal = |&i: &u32| {
+            normals.map_or(DVec3::ZERO, |n| n[i as usize].normalize())
+        };
+        let groups = (0..index.len()).step_by(GROUP).chain([index.len()]).map(|g| g as u32);
+        Ok(Receivers {
+            positions: index.par_iter().map(|&i| local[i as usize]).collect(),
+            normals: index.par_iter().map(normal).collect(),
+            groups: groups.collect(),
+            index,
+        })
+    }
+}
+
+/// Cell of a local position on a Morton curve of 2²¹ cells a side over [-2, 2]; what lies outside is
+/// put on the border.
+fn morton(p: DVec3) -> u64 {
+    let spread = |x: f64| {
+        let mut v = (((x + 2.0) * 0.25).clamp(0.0, 1.0) * f64::from((1 << 21) - 1)) as u64;
+        v = (v | (v << 32)) & 0x001f_0000_0000_ffff;
+        v = (v | (v << 16)) & 0x001f_0000_ff00_00ff;
+        v = (v | (v << 8)) & 0x100f_00f0_0f00_f00f;
+        v = (v | (v << 4)) & 0x10c3_0c30_c30c_30c3;
+        (v | (v << 2)) & 0x1249_2492_4924_9249
+    };
+    spread(p.x) | (spread(p.y) << 1) | (spread(p.z) << 2)
+}
+
+/// What a camera sees through each pixel.
+#[derive(Debug, Clone)]
+pub struct Surface {
+    /// Camera-space z in local units, infinite where nothing was hit.
+    pub depth: Vec<f64>,
+    /// What was hit.
+    pub hit: Vec<Hit>,
+}
+
+/// What a pixel's ray hit first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hit {
+    /// Nothing.
+    Nothing,
+    /// A triangle of [`Geometry::faces`].
+    Triangle(u32),
+    /// A sphere of [`Geometry::spheres`].
+    Sphere(u32),
+}
+
+impl Hit {
+    /// The entry hit, and the face or sphere within it.
+    pub fn entry(&self, geometry: &Geometry) -> Option<(u32, u32)> {
+        match *self {
+            Hit::Nothing => None,
+            Hit::Triangle(f) => {
+                let mesh = geometry.mesh_of(f);
+                Some((mesh.entry, f - mesh.first_face))
+            }
+            Hit::Sphere(s) => {
+                let sphere = &geometry.spheres[s as usize];
+                Some((sphere.entry, sphere.index))
+            }
+        }
+    }
+}
+
+/// Finds what a camera (in local coordinates) sees, and the receivers there.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn from_camera(
+    geometry: &Geometry,
+    camera: &Camera,
+    control: &Control,
+) -> Result<(Surface, Receivers)> {
+    let surface = visible_surface(geometry, camera, control)?;
+    let (columns, rows) = (camera.width.div_ceil(BLOCK), camera.height.div_ceil(BLOCK));
+    let blocks: Vec<Vec<(DVec3, DVec3, u32)>> = (0..columns * rows)
+        .into_par_iter()
+        .map(|block| {
+            let (x0, y0) = (block % columns * BLOCK, block / columns * BLOCK);
+            let mut found = Vec::new();
+            for y in y0..(y0 + BLOCK).min(camera.height) {
+                for x in x0..(x0 + BLOCK).min(camera.width) {
+                    let pixel = y * camera.width + x;
+                    if let Some((p, n)) = surface_point(geometry, camera, &surface, pixel) {
+                        found.push((p, n, pixel));
+                    }
+                }
+            }
+            found
+        })
+        .collect();
+    let mut receivers = Receivers { groups: vec![0], ..Receivers::default() };
+    for (p, n, pixel) in blocks.into_iter().filter(|b| !b.is_empty()).flat_map(|block| {
+        receivers.groups.push(receivers.groups.last().copied().unwrap_or(0) + block.len() as u32);
+        block
+    }) {
+        receivers.positions.push(p);
+        receivers.normals.push(n);
+        receivers.index.push(pixel);
+    }
+    Ok((surface, receivers))
+}
+
+fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> Result<Surface> {
+    let faces = &geometry.faces;
+    let tiles =
+        rasterize(&geometry.positions, faces, |_| true, camera, control, Nearest::new)?;
+    let mut depth = vec![f64::INFINITY; camera.pixels()];
+    let mut hit = vec![Hit::Nothing; camera.pixels()];
+    for (tile, nearest) in tiles {
+        for row in 0..tile.height {
+            for column in 0..tile.width {
+                let from = (row * tile.width + column) as usize;
+                let to = ((tile.y + row) * camera.width + tile.x + column) as usize;
+                if nearest.triangle[from] != NONE {
+                    hit[to] = Hit::Triangle(nearest.triangle[from]);
+                    depth[to] = 1.0 / nearest.inverse_depth[from];
+                }
+            }
+        }
+    }
+    if !geometry.spheres.is_empty() {
+        add_spheres(geometry, camera, &mut depth, &mut hit);
+    }
+    Ok(Surface { depth, hit })
+}
+
+/// Draws spheres over the triangles: each over the tiles that its bounds can cover.
+fn add_spheres(geometry: &Geometry, camera: &Camera, depth: &mut [f64], hit: &mut [Hit]) {
+    let tiles = camera.width.div_ceil(TILE);
+    let boxes: Vec<_> = geometry.spheres.iter().map(|s| screen_rows(camera, s)).collect();
+    let rows = depth.par_chunks_mut(camera.width as usize).zip(hit.par_chunks_mut(camera.width as usize));
+    rows.enumerate().for_each(|(y, (depth, hit))| {
+        for tile in 0..tiles {
+            let columns = tile * TILE..((tile + 1) * TILE).min(camera.width);
+            for (i, sphere) in geometry.spheres.iter().enumerate() {
+                let (low, high) = boxes[i];
+                if (y as f64) < low || y as f64 > high {
+                    continue;
+                }
+                for x in columns.clone() {
+                    let d = camera.direction(f64::from(x) + 0.5, y as f64 + 0.5);
+                    if let Some(z) = sphere_depth(sphere, camera.eye, d) {
+                        let x = x as usize;
+                        if z < depth[x] {
+                            (depth[x], hit[x]) = (z, Hit::Sphere(i as u32));
+                        }
+                    }
+                }
+            }
+        }
+    });
+}
+
+/// Rows of the image that a sphere can cover, from the image of its bounding box.
+fn screen_rows(camera: &Camera, sphere: &Sphere) -> (f64, f64) {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for corner in 0..8 {
+        let sign = |bit: u32| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
+        let p = sphere.center + sphere.radius * DVec3::new(sign(0), sign(1), sign(2));
+        let h = camera.project(p);
+        if h.z <= 0.0 {
+            return (f64::NEG_INFINITY, f64::INFINITY);
+        }
+        (low, high) = (low.min(h.y / h.z), high.max(h.y / h.z));
+    }
+    (low - 1.0, high + 1.0)
+}
+
+/// Ray parameter of the first surface of a sphere in front of the eye; `d` has depth 1, so it is the
+/// depth. The roots are taken so that neither cancels.
+fn sphere_depth(sphere: &Sphere, eye: DVec3, d: DVec3) -> Option<f64> {
+    let q = eye - sphere.center;
+    let a = d.length_squared();
+    let b = q.dot(d);
+    // Distance of the ray from the centre, instead of b² - a c, which cancels far away.
+    let nearest = q - d * (b / a);
+    let discriminant = sphere.radius * sphere.radius - nearest.length_squared();
+    if discriminant < 0.0 {
+        return None;
+    }
+    let c = q.length_squared() - sphere.radius * sphere.radius;
+    let s = -b - (a * discriminant).sqrt().copysign(b);
+    let (t0, t1) = if s == 0.0 { (0.0, 0.0) } else { (s / a, c / s) };
+    [t0.min(t1), t0.max(t1)].into_iter().find(|t| *t > 0.0)
+}
+
+/// Local position and normal, turned to the camera, of what a pixel sees.
+fn surface_point(
+    geometry: &Geometry,
+    camera: &Camera,
+    surface: &Surface,
+    pixel: u32,
+) -> Option<(DVec3, DVec3)> {
+    let (x, y) = (pixel % camera.width, pixel / camera.width);
+    let d = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    match surface.hit[pixel as usize] {
+        Hit::Nothing => None,
+        Hit::Triangle(face) => {
+            let [a, b, c] = geometry.corners(face).map(|v| v.as_dvec3());
+            let n = (b - a).cross(c - a);
+            let n = n.try_normalize()?;
+            let slope = n.dot(d);
+            let z = surface.depth[pixel as usize];
+            // On the triangle's plane; seen exactly edge-on, the rasteriser's depth has to do.
+            let exact = n.dot(a - camera.eye) / slope;
+            let near = slope != 0.0 && (exact - z).abs() <= 1e-6 * z;
+            let p = camera.eye + d * if near { exact } else { z };
+            Some((p, if slope > 0.0 { -n } else { n }))
+        }
+        Hit::Sphere(s) => {
+            let sphere = &geometry.spheres[s as usize];
+            let p = camera.eye + d * surface.depth[pixel as usize];
+            let n = (p - sphere.center).normalize();
+            // Back onto the surface, so that the error does not grow with the eye's distance.
+            let p = sphere.center + n * sphere.radius;
+            Some((p, if n.dot(d) > 0.0 { -n } else { n }))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sphere_is_hit_at_its_near_side_and_from_inside_at_its_far_side() {
+        let sphere = Sphere { center: DVec3::new(0.0, 0.0, 5.0), radius: 1.0, entry: 0, index: 0 };
+        let from = |z: f64| sphere_depth(&sphere, DVec3::new(0.0, 0.0, z), DVec3::Z);
+        assert_eq!(from(0.0), Some(4.0));
+        assert_eq!(from(5.0), Some(1.0));
+        assert_eq!(from(7.0), None);
+        assert_eq!(sphere_depth(&sphere, DVec3::new(2.0, 0.0, 0.0), DVec3::Z), None);
+    }
+}

@@ -1,0 +1,188 @@
+//! The scene as its user describes it: named meshes and spheres, with transforms apart.
+//!
+//! [`Scene::geometry`] turns it into a [`Geometry`], an immutable snapshot in local coordinates that
+//! all methods work on. The snapshot is kept until something changes; where only vertices moved, the
+//! bounding volume hierarchy keeps its topology.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::mesh::{TriMesh, check_finite};
+
+/// How an entry looks and what it takes part in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Material {
+    /// Diffuse reflectance, linear RGB.
+    pub albedo: [f32; 3],
+    /// 1 is opaque; below 1, each crossing multiplies transmittance by `1 - opacity`.
+    pub opacity: f32,
+    /// Whether it occludes.
+    pub casts: bool,
+    /// Whether it is shadowed; where not, it is shaded as unshadowed.
+    pub receives: bool,
+}
+
+/// What an entry is made of.
+#[derive(Debug, Clone)]
+pub enum Shape {
+    /// A mesh and its object-to-world transform.
+    Mesh(Arc<TriMesh>, DAffine3),
+    /// World-space centres and radii.
+    Spheres(Arc<Vec<(DVec3, f64)>>),
+}
+
+/// One named thing in a scene.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// Its name, unique in the scene.
+    pub name: String,
+    /// What it is made of.
+    pub shape: Shape,
+    /// How it looks.
+    pub material: Material,
+}
+
+/// Named entries and the snapshot built from them.
+#[derive(Debug, Default)]
+pub struct Scene {
+    entries: Vec<Entry>,
+    current: Option<Arc<Geometry>>,
+    /// A snapshot with the same entries, but for positions: its topology can be refitted.
+    previous: Option<Arc<Geometry>>,
+}
+
+impl Scene {
+    /// The entries, in the order in which they were added.
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// Adds a mesh.
+    ///
+    /// # Errors
+    /// What [`TriMesh::new`] finds, a name that is taken, or an opacity outside 0 to 1.
+    pub fn add_mesh(
+        &mut self,
+        name: &str,
+        vertices: Vec<DVec3>,
+        faces: &[[i64; 3]],
+        material: Material,
+    ) -> Result<()> {
+        let what = format!("mesh {name:?}");
+        self.check_new(name, &what, material)?;
+        let mesh = Arc::new(TriMesh::new(name, vertices, faces)?);
+        self.push(name, Shape::Mesh(mesh, DAffine3::IDENTITY), material);
+        Ok(())
+    }
+
+    /// Adds spheres, given by world-space centres and radii.
+    ///
+    /// # Errors
+    /// No spheres, a value that is not finite, a radius that is not positive, a name that is taken,
+    /// or an opacity outside 0 to 1.
+    pub fn add_spheres(
+        &mut self,
+        name: &str,
+        centers: &[DVec3],
+        radii: &[f64],
+        material: Material,
+    ) -> Result<()> {
+        let what = format!("spheres {name:?}");
+        self.check_new(name, &what, material)?;
+        if centers.is_empty() || centers.len() != radii.len() {
+            let reason =
+                format!("expected one radius a center, got {} and {}", radii.len(), centers.len());
+            return Err(Error::scene(what, reason));
+        }
+        check_finite(&what, "center", centers)?;
+        if let Some(i) = radii.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
+            let reason = format!("radius {i} must be positive and finite, got {}", radii[i]);
+            return Err(Error::scene(what, reason));
+        }
+        let spheres = centers.iter().copied().zip(radii.iter().copied()).collect();
+        self.push(name, Shape::Spheres(Arc::new(spheres)), material);
+        Ok(())
+    }
+
+    /// Places a mesh.
+    ///
+    /// # Errors
+    /// An unknown name, or a transform that is not finite or flattens the mesh.
+    pub fn set_transform(&mut self, name: &str, matrix: DAffine3) -> Result<()> {
+        let (_, transform) = self.mesh_mut(name)?;
+        let what = format!("mesh {name:?}: transform");
+        let determinant = matrix.matrix3.determinant();
+        if !matrix.is_finite() {
+            return Err(Error::scene(what, "expected finite numbers"));
+        }
+        // Compared with the product of the columns' lengths, so that no unit enters.
+        let size: f64 = (0..3).map(|i| matrix.matrix3.col(i).length()).product();
+        if determinant.abs() <= 1e-12 * size || size == 0.0 {
+            return Err(Error::scene(what, format!("singular, determinant {determinant}")));
+        }
+        *transform = matrix;
+        self.moved();
+        Ok(())
+    }
+
+    /// Moves a mesh's vertices.
+    ///
+    /// # Errors
+    /// An unknown name, or what [`TriMesh::with_vertices`] finds.
+    pub fn set_vertices(&mut self, name: &str, vertices: Vec<DVec3>) -> Result<()> {
+        let (mesh, _) = self.mesh_mut(name)?;
+        *mesh = Arc::new(mesh.with_vertices(name, vertices)?);
+        self.moved();
+        Ok(())
+    }
+
+    /// Returns the snapshot of the scene as it is now.
+    ///
+    /// # Errors
+    /// An empty scene, or one too large for 32-bit indices.
+    pub fn geometry(&mut self) -> Result<Arc<Geometry>> {
+        if self.current.is_none() {
+            let built = Geometry::new(&self.entries, self.previous.as_deref())?;
+            self.previous = None;
+            self.current = Some(Arc::new(built));
+        }
+        Ok(self.current.clone().expect("set above"))
+    }
+
+    fn moved(&mut self) {
+        if let Some(current) = self.current.take() {
+            self.previous = Some(current);
+        }
+    }
+
+    fn push(&mut self, name: &str, shape: Shape, material: Material) {
+        self.entries.push(Entry { name: name.into(), shape, material });
+        self.current = None;
+        self.previous = None;
+    }
+
+    fn check_new(&self, name: &str, what: &str, material: Material) -> Result<()> {
+        if self.entries.iter().any(|e| e.name == name) {
+            return Err(Error::scene(what, "the scene has another entry of that name"));
+        }
+        if !(0.0..=1.0).contains(&material.opacity) {
+            let reason = format!("opacity must be between 0 and 1, got {}", material.opacity);
+            return Err(Error::scene(what, reason));
+        }
+        Ok(())
+    }
+
+    fn mesh_mut(&mut self, name: &str) -> Result<(&mut Arc<TriMesh>, &mut DAffine3)> {
+        let found = self.entries.iter_mut().find(|e| e.name == name);
+        match found.map(|e| &mut e.shape) {
+            Some(Shape::Mesh(mesh, transform)) => Ok((mesh, transform)),
+            Some(Shape::Spheres(_)) => {
+                Err(Error::scene(format!("spheres {name:?}"), "expected the name of a mesh"))
+            }
+            None => Err(Error::scene("scene", format!("no mesh named {name:?}"))),
+        }
+    }
+}
