@@ -15,7 +15,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::light::{Light, Shape};
-use crate::simd::{LANES, Row};
+use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 
 /// How far a light point is moved off the light, times the largest of its coordinates and 1 (local
 /// units): four `f32` ulps, more than the rounding of its coordinates.
@@ -31,8 +31,10 @@ const WIDEST_CAP: f64 = 0.17;
 /// so that sixteen neighbours lie in a compact part of the light.
 #[derive(Debug, Clone)]
 pub struct Pattern {
-    x: Vec<u32>,
-    y: Vec<u32>,
+    len: usize,
+    /// Padded with zeros to whole rows.
+    x: Vec<[u32; LANES]>,
+    y: Vec<[u32; LANES]>,
     seed: u64,
 }
 
@@ -44,18 +46,21 @@ impl Pattern {
             .map(|i| (owen_scramble(i.reverse_bits(), sx), owen_scramble(sobol_second(i), sy)))
             .collect();
         points.sort_unstable_by_key(|&(x, y)| (morton(x >> 16) | (morton(y >> 16) << 1), x, y));
-        let (x, y) = points.into_iter().unzip();
-        Pattern { x, y, seed }
+        let rows = |pick: fn(&(u32, u32)) -> u32| {
+            let row = |c: &[(u32, u32)]| std::array::from_fn(|i| c.get(i).map_or(0, pick));
+            points.chunks(LANES).map(row).collect()
+        };
+        Pattern { len: n, x: rows(|p| p.0), y: rows(|p| p.1), seed }
     }
 
     /// Number of points.
     pub fn len(&self) -> usize {
-        self.x.len()
+        self.len
     }
 
     /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
-        self.x.is_empty()
+        self.len == 0
     }
 
     /// The digits that receiver `index` flips for its own pattern under light `light`.
@@ -89,7 +94,9 @@ pub struct LightSamples {
     pub weights: Vec<Row>,
     /// One bit a sample: above the tangent plane and emitting towards the receiver.
     pub valid: Vec<u16>,
-    /// Grid cell of each sample, row-major; meaningful only with a [`View`].
+    /// Coordinates of each sample in [`View`]'s square, which here is [-1, 1]².
+    coordinates: [Vec<Row>; 2],
+    /// Grid cell of each sample, row-major; filled by [`LightSamples::find_cells`].
     pub cells: Vec<[u8; LANES]>,
 }
 
@@ -110,9 +117,21 @@ impl LightSamples {
         for axis in &mut self.points {
             axis.resize(rows, Row::default());
         }
+        for axis in &mut self.coordinates {
+            axis.resize(rows, Row::default());
+        }
         self.weights.resize(rows, Row::default());
         self.valid.resize(rows, 0);
         self.cells.resize(rows, [0; LANES]);
+    }
+
+    /// Finds the grid cell of every sample; meaningful only where the receiver has a [`View`].
+    pub fn find_cells(&mut self) {
+        for (r, cells) in self.cells.iter_mut().enumerate() {
+            for (lane, out) in cells.iter_mut().enumerate() {
+                *out = cell(self.coordinates[0][r].0[lane], self.coordinates[1][r].0[lane]);
+            }
+        }
     }
 }
 
@@ -212,10 +231,21 @@ impl Sampler {
     pub fn fill(&self, index: u32, p: DVec3, n: DVec3, out: &mut LightSamples) {
         out.resize(self.len());
         let scramble = if self.fixed { [0, 0] } else { self.pattern.scramble(self.number, index) };
-        let cap = Cap::new(&self.light, p);
-        match (self.flat, cap) {
-            (Some(flat), _) => self.fill_flat(&flat, scramble, p, n, out),
-            (None, Some(cap)) => self.fill_cap(&cap, scramble, p, n, out),
+        match (&self.flat, Cap::new(&self.light, p)) {
+            (Some(flat), _) => {
+                let (pattern, p, n) = (&self.pattern, p.as_vec3(), n.as_vec3());
+                dispatch!(detect() => fill_flat(
+                    flat: &Flat, pattern: &Pattern, scramble: [u32; 2], p: Vec3, n: Vec3,
+                    out: &mut LightSamples));
+            }
+            (None, Some(cap)) => {
+                let size = cap.distance + self.light.center().abs().max_element().max(1.0);
+                let offset = (POINT_OFFSET * size) as f32;
+                let (pattern, p, n, cap) = (&self.pattern, p.as_vec3(), n.as_vec3(), &cap);
+                dispatch!(detect() => fill_cap(
+                    cap: &Cap, pattern: &Pattern, scramble: [u32; 2], p: Vec3, n: Vec3, offset: f32,
+                    out: &mut LightSamples));
+            }
             (None, None) => {
                 // Inside a sphere: it emits outwards only.
                 out.valid.fill(0);
@@ -234,91 +264,149 @@ impl Sampler {
             }
         }
     }
+}
 
-    /// Row `r` of the scrambled pattern, mapped to [-1, 1]², or onto the unit disk.
-    #[inline(always)]
-    fn coordinates(&self, r: usize, scramble: [u32; 2], disk: bool) -> (Row, Row) {
-        let (mut x, mut y) = (Row::default(), Row::default());
-        let last = self.len() - 1;
+/// Row `r` of the scrambled pattern, in [-1, 1]², or mapped onto the unit disk.
+#[inline(always)]
+fn coordinates(pattern: &Pattern, r: usize, scramble: [u32; 2], disk: bool) -> (Row, Row) {
+    let (mut x, mut y) = (Row::default(), Row::default());
+    for lane in 0..LANES {
+        x.0[lane] = centered(pattern.x[r][lane] ^ scramble[0]);
+        y.0[lane] = centered(pattern.y[r][lane] ^ scramble[1]);
+    }
+    if disk {
         for lane in 0..LANES {
-            let i = (r * LANES + lane).min(last);
-            x.0[lane] = centered(self.pattern.x[i] ^ scramble[0]);
-            y.0[lane] = centered(self.pattern.y[i] ^ scramble[1]);
-        }
-        if disk {
-            for lane in 0..LANES {
-                (x.0[lane], y.0[lane]) = concentric(x.0[lane], y.0[lane]);
-            }
-        }
-        (x, y)
-    }
-
-    #[inline(always)]
-    fn fill_flat(&self, flat: &Flat, scramble: [u32; 2], p: DVec3, n: DVec3, out: &mut LightSamples) {
-        let (c, u, v) = (flat.center.as_vec3(), flat.u.as_vec3(), flat.v.as_vec3());
-        let (p, m) = (p.as_vec3(), flat.normal.as_vec3());
-        let has_normal = n != DVec3::ZERO;
-        let n = n.as_vec3();
-        let scale = (flat.area / self.len() as f64) as f32;
-        for r in 0..out.valid.len() {
-            let (x, y) = self.coordinates(r, scramble, flat.disk);
-            let mut valid = 0;
-            for lane in 0..LANES {
-                let l = c + u * x.0[lane] + v * y.0[lane];
-                let d = l - p;
-                let facing = -m.dot(d);
-                let above = if has_normal { n.dot(d) } else { 1.0 };
-                let squared = d.length_squared();
-                let receiver = if has_normal { above } else { squared.sqrt() };
-                let ok = facing > 0.0 && above > 0.0;
-                valid |= u16::from(ok) << lane;
-                // Light points are POINT_OFFSET off the light; the bound only guards a receiver in that gap.
-                let weight = scale * facing * receiver / (squared * squared).max(1e-30);
-                out.weights[r].0[lane] = if ok { weight } else { 0.0 };
-                out.points[0][r].0[lane] = l.x;
-                out.points[1][r].0[lane] = l.y;
-                out.points[2][r].0[lane] = l.z;
-                out.cells[r][lane] = cell(x.0[lane], y.0[lane]);
-            }
-            out.valid[r] = valid;
+            (x.0[lane], y.0[lane]) = concentric(x.0[lane], y.0[lane]);
         }
     }
+    (x, y)
+}
 
-    #[inline(always)]
-    fn fill_cap(&self, cap: &Cap, scramble: [u32; 2], p: DVec3, n: DVec3, out: &mut LightSamples) {
-        let has_normal = n != DVec3::ZERO;
-        let (p, n) = (p.as_vec3(), n.as_vec3());
-        let (axis, e1, e2) = (cap.axis.as_vec3(), cap.e1.as_vec3(), cap.e2.as_vec3());
-        let height = cap.height as f32;
-        let (distance, radius) = (cap.distance as f32, cap.radius as f32);
-        let solid_angle = (std::f64::consts::TAU * cap.height / self.len() as f64) as f32;
-        let size = cap.distance + self.light.center().abs().max_element().max(1.0);
-        let offset = (POINT_OFFSET * size) as f32;
-        let tan = (cap.sin / cap.cos.max(1e-9)) as f32;
+#[inline(always)]
+unsafe fn splat<S: Lanes>(v: Vec3) -> [S; 3] {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { [S::splat(v.x), S::splat(v.y), S::splat(v.z)] }
+}
+
+#[inline(always)]
+unsafe fn dot<S: Lanes>(a: &[S; 3], b: &[S; 3]) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2])) }
+}
+
+/// `c + u x + v y`
+#[inline(always)]
+unsafe fn combine<S: Lanes>(c: &[S; 3], u: &[S; 3], v: &[S; 3], x: S, y: S) -> [S; 3] {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        [
+            c[0].add(u[0].mul(x)).add(v[0].mul(y)),
+            c[1].add(u[1].mul(x)).add(v[1].mul(y)),
+            c[2].add(u[2].mul(x)).add(v[2].mul(y)),
+        ]
+    }
+}
+
+/// Stores a row of samples; the weights of invalid ones are 0.
+#[inline(always)]
+unsafe fn put<S: Lanes>(out: &mut LightSamples, r: usize, point: &[S; 3], weight: S, valid: u16) {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        for (axis, value) in out.points.iter_mut().zip(point) {
+            value.store(&mut axis[r]);
+        }
+        weight.store(&mut out.weights[r]);
+    }
+    for (lane, weight) in out.weights[r].0.iter_mut().enumerate() {
+        *weight = if valid >> lane & 1 == 1 { *weight } else { 0.0 };
+    }
+    out.valid[r] = valid;
+}
+
+#[inline(always)]
+unsafe fn fill_flat<S: Lanes>(
+    flat: &Flat,
+    pattern: &Pattern,
+    scramble: [u32; 2],
+    p: Vec3,
+    n: Vec3,
+    out: &mut LightSamples,
+) {
+    let has_normal = n != Vec3::ZERO;
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let c = splat::<S>(flat.center.as_vec3());
+        let u = splat::<S>(flat.u.as_vec3());
+        let v = splat::<S>(flat.v.as_vec3());
+        let m = splat::<S>(flat.normal.as_vec3());
+        let p = splat::<S>(p);
+        let n = splat::<S>(n);
+        let zero = S::splat(0.0);
+        let scale = S::splat((flat.area / pattern.len() as f64) as f32);
         for r in 0..out.valid.len() {
-            let (x, y) = self.coordinates(r, scramble, true);
-            let mut valid = 0;
-            for lane in 0..LANES {
-                let (x, y) = (x.0[lane], y.0[lane]);
-                let r2 = x * x + y * y;
-                // Equal-area map of the disk onto the cap: 1 - cos θ = r² (1 - cos σ).
-                let fall = r2 * height;
-                let cos = 1.0 - fall;
-                let stretch = (height * (2.0 - fall)).sqrt();
-                let direction = axis * cos + e1 * (x * stretch) + e2 * (y * stretch);
-                let sin2 = fall * (2.0 - fall);
-                let reach = (radius * radius - distance * distance * sin2).max(0.0).sqrt();
-                let l = p + direction * (distance * cos - reach - offset);
-                let above = if has_normal { n.dot(direction) } else { 1.0 };
-                valid |= u16::from(above > 0.0) << lane;
-                out.weights[r].0[lane] = if above > 0.0 { solid_angle * above } else { 0.0 };
-                out.points[0][r].0[lane] = l.x;
-                out.points[1][r].0[lane] = l.y;
-                out.points[2][r].0[lane] = l.z;
-                let gnomonic = stretch / (cos.max(1e-9) * tan.max(1e-30));
-                out.cells[r][lane] = cell(x * gnomonic, y * gnomonic);
-            }
-            out.valid[r] = valid;
+            let (x, y) = coordinates(pattern, r, scramble, flat.disk);
+            (out.coordinates[0][r], out.coordinates[1][r]) = (x, y);
+            let l = combine(&c, &u, &v, S::load(&x), S::load(&y));
+            let d = [l[0].sub(p[0]), l[1].sub(p[1]), l[2].sub(p[2])];
+            let facing = zero.sub(dot(&m, &d));
+            let squared = dot(&d, &d);
+            let above = if has_normal { dot(&n, &d) } else { squared.sqrt() };
+            // Light points are POINT_OFFSET off the light; the bound only guards a receiver in that gap.
+            let fourth = squared.mul(squared).max(S::splat(1e-30));
+            let weight = scale.mul(facing).mul(above).div(fourth);
+            put(out, r, &l, weight, zero.lt(facing) & zero.lt(above));
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn fill_cap<S: Lanes>(
+    cap: &Cap,
+    pattern: &Pattern,
+    scramble: [u32; 2],
+    p: Vec3,
+    n: Vec3,
+    offset: f32,
+    out: &mut LightSamples,
+) {
+    let has_normal = n != Vec3::ZERO;
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let axis = splat::<S>(cap.axis.as_vec3());
+        let e1 = splat::<S>(cap.e1.as_vec3());
+        let e2 = splat::<S>(cap.e2.as_vec3());
+        let p = splat::<S>(p);
+        let n = splat::<S>(n);
+        let (zero, one, two) = (S::splat(0.0), S::splat(1.0), S::splat(2.0));
+        let height = S::splat(cap.height as f32);
+        let distance = S::splat(cap.distance as f32);
+        let squared_distance = distance.mul(distance);
+        let squared_radius = S::splat(cap.radius as f32 * cap.radius as f32);
+        let solid_angle = (std::f64::consts::TAU * cap.height / pattern.len() as f64) as f32;
+        let cotangent = S::splat((cap.cos / cap.sin.max(1e-30)) as f32);
+        for r in 0..out.valid.len() {
+            let (x, y) = coordinates(pattern, r, scramble, true);
+            let (x, y) = (S::load(&x), S::load(&y));
+            // Equal-area map of the disk onto the cap: 1 - cos θ = r² (1 - cos σ).
+            let fall = x.mul(x).add(y.mul(y)).mul(height);
+            let cos = one.sub(fall);
+            let stretch = height.mul(two.sub(fall)).sqrt();
+            let along = [axis[0].mul(cos), axis[1].mul(cos), axis[2].mul(cos)];
+            let direction = combine(&along, &e1, &e2, x.mul(stretch), y.mul(stretch));
+            let sin2 = fall.mul(two.sub(fall));
+            let reach = squared_radius.sub(squared_distance.mul(sin2)).max(zero).sqrt();
+            let t = distance.mul(cos).sub(reach).sub(S::splat(offset));
+            let l = [
+                p[0].add(direction[0].mul(t)),
+                p[1].add(direction[1].mul(t)),
+                p[2].add(direction[2].mul(t)),
+            ];
+            let above = if has_normal { dot(&n, &direction) } else { one };
+            put(out, r, &l, S::splat(solid_angle).mul(above), zero.lt(above));
+            // Onto the plane that touches the unit sphere at the axis, the cap's edge at 1.
+            let gnomonic = stretch.mul(cotangent).div(cos.max(S::splat(1e-9)));
+            x.mul(gnomonic).store(&mut out.coordinates[0][r]);
+            y.mul(gnomonic).store(&mut out.coordinates[1][r]);
         }
     }
 }
@@ -435,8 +523,11 @@ mod tests {
                 for kx in 0..=m {
                     let mut seen = vec![0; n];
                     for i in 0..n {
-                        let x = (u64::from(pattern.x[i] ^ scramble[0]) >> (32 - kx)) as usize;
-                        let y = (u64::from(pattern.y[i] ^ scramble[1]) >> (32 - (m - kx))) as usize;
+                        let digits = |axis: &[[u32; LANES]], k: usize| {
+                            u64::from(axis[i / LANES][i % LANES] ^ scramble[k])
+                        };
+                        let x = (digits(&pattern.x, 0) >> (32 - kx)) as usize;
+                        let y = (digits(&pattern.y, 1) >> (32 - (m - kx))) as usize;
                         seen[(x << (m - kx)) | y] += 1;
                     }
                     assert!(seen.iter().all(|&c| c == 1), "n {n}, 2^{kx} columns");
@@ -449,7 +540,8 @@ mod tests {
     fn refining_keeps_the_samples_that_were_there() {
         let sorted = |n| {
             let p = Pattern::new(n, 3);
-            let mut points: Vec<_> = p.x.into_iter().zip(p.y).collect();
+            let (x, y) = (p.x.into_iter().flatten(), p.y.into_iter().flatten());
+            let mut points: Vec<_> = x.zip(y).take(n).collect();
             points.sort_unstable();
             points
         };
@@ -461,8 +553,8 @@ mod tests {
     fn sixteen_neighbours_of_256_samples_lie_in_one_sixteenth_of_the_light() {
         let p = Pattern::new(256, 1);
         for block in 0..16 {
-            let corner = |i: usize| (p.x[i] >> 30, p.y[i] >> 30);
-            assert!((0..16).all(|i| corner(block * 16 + i) == corner(block * 16)));
+            let corner = |i: usize| (p.x[block][i] >> 30, p.y[block][i] >> 30);
+            assert!((0..16).all(|i| corner(i) == corner(0)));
         }
     }
 
@@ -491,6 +583,7 @@ mod tests {
                 assert!((f64::from(valid) / 4096.0 - h).abs() < 2e-3, "{light:?} {h} {valid}");
             }
             let view = sampler.view(p).unwrap();
+            out.find_cells();
             for i in 0..out.count {
                 let q = out.point(i) - p.as_vec3();
                 let (u, v) = (view.u.dot(q) / view.w.dot(q), view.v.dot(q) / view.w.dot(q));

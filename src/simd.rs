@@ -96,6 +96,11 @@ pub trait Lanes: Copy {
     /// # Safety
     /// See the trait.
     unsafe fn div(self, o: Self) -> Self;
+    /// Square root.
+    ///
+    /// # Safety
+    /// See the trait.
+    unsafe fn sqrt(self) -> Self;
     /// Lane-wise `self < o ? self : o`
     ///
     /// # Safety
@@ -158,6 +163,10 @@ impl Lanes for Row {
         Row(std::array::from_fn(|i| self.0[i] / o.0[i]))
     }
     #[inline(always)]
+    unsafe fn sqrt(self) -> Self {
+        Row(std::array::from_fn(|i| self.0[i].sqrt()))
+    }
+    #[inline(always)]
     unsafe fn min(self, o: Self) -> Self {
         Row(std::array::from_fn(|i| if self.0[i] < o.0[i] { self.0[i] } else { o.0[i] }))
     }
@@ -216,6 +225,11 @@ mod x86 {
         unsafe fn store(self, row: &mut Row) {
             // SAFETY: the caller enabled AVX-512; a row is aligned to 64 bytes.
             unsafe { _mm512_store_ps(row.0.as_mut_ptr(), self.0) }
+        }
+        #[inline(always)]
+        unsafe fn sqrt(self) -> Self {
+            // SAFETY: the caller enabled AVX-512.
+            unsafe { Avx512(_mm512_sqrt_ps(self.0)) }
         }
         binary512!(add, _mm512_add_ps);
         binary512!(sub, _mm512_sub_ps);
@@ -279,6 +293,11 @@ mod x86 {
                 _mm256_store_ps(row.0.as_mut_ptr(), self.0);
                 _mm256_store_ps(row.0.as_mut_ptr().add(8), self.1);
             }
+        }
+        #[inline(always)]
+        unsafe fn sqrt(self) -> Self {
+            // SAFETY: the caller enabled AVX2.
+            unsafe { Avx2(_mm256_sqrt_ps(self.0), _mm256_sqrt_ps(self.1)) }
         }
         binary256!(add, _mm256_add_ps);
         binary256!(sub, _mm256_sub_ps);

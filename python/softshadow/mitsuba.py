@@ -33,17 +33,41 @@ import numpy.typing as npt
 
 from softshadow.camera import Camera
 from softshadow.light import DiskLight, Light, SphereLight
-from softshadow.render import LightLike, _lights
+from softshadow.methods import RayTraced
+from softshadow.render import Image, LightLike, _lights, prepare
+from softshadow.render import render as _render
 from softshadow.scene import Mesh, Scene
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-__all__ = ["MitsubaImage", "ZTest", "render", "scene_dict", "sidak", "z_test"]
+__all__ = [
+    "MitsubaImage",
+    "ZTest",
+    "contact_pixels",
+    "render",
+    "scene_dict",
+    "sidak",
+    "unshadowed",
+    "z_test",
+]
 
 _BATCHES = 32
 """Independent estimates that a variance is taken from: enough for Student's t with 31 degrees of
 freedom to be near normal, few enough for the per-ray overhead of the scalar variants."""
+
+_RAY_EPSILON = 8.9e-5
+"""How far off the surface Mitsuba starts its rays, over ``1 + max|p|``: 1500 single-precision ulps
+(``math::RayEpsilon``)."""
+
+_CONTACT_CHANGE = 0.02
+"""Change of visibility by lifting a receiver that far, from which on a pixel counts as in contact.
+In a penumbra, a lift of 1e-4 changes it by less than 0.001; the rest is for the jumps of a pattern
+of 256 light points."""
+
+_LAUNCH = 1 << 20
+"""Rays in one launch of a vectorised variant, at least an image of them: its overhead of some
+milliseconds is small beside a million rays, and they take some 100 MB."""
 
 _NEAR = 1e-3
 """Mitsuba's near clipping distance over the scene's diameter. Nearer surfaces are not seen on its
@@ -138,7 +162,10 @@ def _variant(name: str | None) -> Iterator[ModuleType]:
     """Give Mitsuba with a variant set, and restore what the caller had set."""
     mi = _import()
     previous = mi.variant()
-    mi.set_variant(name or previous or "scalar_rgb")
+    wanted = name or previous or "scalar_rgb"
+    if not wanted.endswith(("_rgb", "_mono")):
+        raise ValueError(f"variant: expected one that ends in _rgb or _mono, got {wanted!r}")
+    mi.set_variant(wanted)
     try:
         yield mi
     finally:
@@ -354,7 +381,7 @@ def render(
     ImportError
         If Mitsuba is not installed.
     ValueError
-        If `samples` is below 2, or as in `scene_dict`.
+        If `samples` is below 2, the variant is spectral or polarised, or as in `scene_dict`.
     """
     if samples < 2:
         raise ValueError(f"samples: expected at least 2, got {samples}")
@@ -448,17 +475,24 @@ def _centre_rays_wavefront(
 ) -> _Estimate:
     integrator = scene.integrator()
     shape = (camera.height, camera.width)
-    directions = np.ascontiguousarray(camera.rays().reshape(-1, 3).T.astype(np.float32))
+    pixels = camera.height * camera.width
+    # Several batches are sampled side by side, because small launches cost more than their work.
+    together = max(
+        d for d in range(1, batches + 1) if batches % d == 0 and d * pixels <= max(_LAUNCH, pixels)
+    )
+    directions = np.tile(camera.rays().reshape(-1, 3).T.astype(np.float32), together)
     ray = mi.RayDifferential3f(mi.Point3f(*camera.eye.tolist()), mi.Vector3f(directions))
     sampler = mi.load_dict({"type": "independent"})
     moments = _Moments((*shape, 3))
     mask = np.zeros(shape, dtype=bool)
-    for batch in range(batches):
-        sampler.seed(seed * batches + batch, directions.shape[1])
+    launches = batches // together
+    for launch in range(launches):
+        sampler.seed(seed * launches + launch, together * pixels)
         spectrum, valid, _ = integrator.sample(scene, sampler, ray)
-        values = np.array(spectrum, dtype=np.float64).reshape(-1, directions.shape[1]).T
-        moments.add(np.broadcast_to(values, (directions.shape[1], 3)).reshape(*shape, 3))
-        mask |= np.array(valid, dtype=bool).reshape(shape)
+        values = np.array(spectrum, dtype=np.float64).reshape(-1, together, *shape)
+        for value in np.moveaxis(values, 0, -1):
+            moments.add(np.broadcast_to(value, (*shape, 3)))
+        mask |= np.array(valid, dtype=bool).reshape(together, *shape).any(axis=0)
     return moments.mean, moments.variance_of_mean(), mask
 
 
@@ -471,6 +505,46 @@ def _render_film(mi: ModuleType, scene: Any, batches: int, seed: int, per_batch:
         moments.add(np.broadcast_to(pixels[..., :-1], (height, width, 3)).astype(np.float64))
         mask |= pixels[..., -1] > 0
     return moments.mean, moments.variance_of_mean(), mask
+
+
+def contact_pixels(scene: Scene, image: Image, light: Light) -> npt.NDArray[np.bool_]:
+    """Return the pixels that Mitsuba lights from another place, because something is too near.
+
+    Its shadow rays start ``8.9e-5 · (1 + max|p|)`` off the surface, so nearer occluders are not
+    seen. A pixel is in contact if its visibility changes by more than 0.02 when the receiver is
+    lifted along its normal by that much, or by twice as much (single precision adds some): below
+    feet, in the seams between walls and ground, on double walls.
+
+    Parameters
+    ----------
+    scene : Scene
+    image : Image
+        Of that scene; gives the receivers.
+    light : RectLight, DiskLight or SphereLight
+
+    Returns
+    -------
+    ndarray, shape (H, W), bool
+    """
+    points, normals = image.position[image.mask], image.normal[image.mask]
+    lift = _RAY_EPSILON * (1 + np.abs(points).max(axis=-1, keepdims=True)) * normals
+    prepared = prepare(scene, light, RayTraced(samples=256, pattern="fixed"))
+    low, at, high = (prepared.visibility(points + k * lift, normals) for k in (0, 1, 2))
+    result = np.zeros_like(image.mask)
+    result[image.mask] = np.maximum(abs(at - low), abs(high - low)) > _CONTACT_CHANGE
+    return result
+
+
+def unshadowed(scene: Scene, camera: Camera, light: LightLike) -> npt.NDArray[np.float64]:
+    """Return the radiance without occluders, in closed form, shape (H, W, 3), linear RGB."""
+    bare = Scene()
+    for entry in scene.entries:
+        if isinstance(entry, Mesh):
+            name = bare.add((entry.vertices, entry.faces), entry.name, entry.albedo, casts=False)
+            bare.set_transform(name, entry.transform)
+        else:
+            bare.add_spheres(entry.centers, entry.radii, entry.name, entry.albedo, casts=False)
+    return _render(bare, camera, light, "hard").radiance.astype(np.float64)
 
 
 def sidak(alpha: float, tests: int) -> float:

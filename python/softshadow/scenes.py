@@ -352,7 +352,7 @@ def _half_hidden_sphere(
     ratio_tan = np.clip(np.tan(delta) / np.tan(alpha), -1, 1)
     hidden = np.arccos(ratio_sin) - np.cos(alpha) * np.arccos(ratio_tan)
     result: npt.NDArray[np.float64] = 1 - hidden / (np.pi * (1 - np.cos(alpha)))
-    return result
+    return np.clip(result, 0.0, 1.0)
 
 
 def tilted_sheet(

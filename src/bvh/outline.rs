@@ -19,15 +19,25 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 
 /// Marks an edge that counts as a silhouette edge from everywhere.
-pub const ALWAYS: u32 = u32::MAX;
+const ALWAYS: u32 = u32::MAX;
 
-/// An edge and the corners of its two triangles opposite to it.
+/// An edge and its two triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Edge {
+struct Edge {
     /// Vertex indices in [`Geometry::positions`].
-    pub ends: [u32; 2],
-    /// Opposite corners; [`ALWAYS`] where there are not exactly two proper triangles.
-    pub opposite: [u32; 2],
+    ends: [u32; 2],
+    /// Triangles in leaf order; [`ALWAYS`] where there are not exactly two proper ones.
+    triangles: [u32; 2],
+}
+
+/// An edge with the normals of its two triangles; zero normals where there are not two proper ones, so
+/// that every point is within doubt of their planes.
+#[derive(Debug, Clone, Copy)]
+pub struct EdgePlanes {
+    /// Its ends.
+    pub ends: [Vec3; 2],
+    /// Unit normals, both to the same side of the surface.
+    pub normals: [Vec3; 2],
 }
 
 /// All normals lie within an angle of an axis; `cos` below -1 is every direction.
@@ -70,6 +80,8 @@ impl Cone {
 #[derive(Debug, Clone)]
 pub struct Outline {
     edges: Vec<Edge>,
+    /// Unit normals of the triangles in leaf order, zero where they have no area.
+    normals: Vec<Vec3>,
     /// First edge of every triangle in leaf order, and the end.
     first: Vec<u32>,
     cones: Vec<Option<Cone>>,
@@ -97,12 +109,8 @@ impl Outline {
                 let proper = at.len() == 2
                     && at[0].forward != at[1].forward
                     && (0..2).all(|i| normals[leaf(i) as usize] != Vec3::ZERO);
-                let opposite = if proper {
-                    [at[0].opposite + mesh.first_vertex, at[1].opposite + mesh.first_vertex]
-                } else {
-                    [ALWAYS; 2]
-                };
-                (owner, Edge { ends: ends.map(|v| v + mesh.first_vertex), opposite })
+                let triangles = if proper { [leaf(0), leaf(1)] } else { [ALWAYS; 2] };
+                (owner, Edge { ends: ends.map(|v| v + mesh.first_vertex), triangles })
             });
             owned.par_extend(found);
         }
@@ -115,18 +123,18 @@ impl Outline {
             first[k + 1] += first[k];
         }
         let edges: Vec<Edge> = owned.into_par_iter().map(|(_, edge)| edge).collect();
-        let mut outline = Outline { edges, first, cones: Vec::new() };
-        outline.cones = outline.node_cones(geometry, &bvh.tree.nodes);
+        let mut outline = Outline { edges, normals, first, cones: Vec::new() };
+        outline.cones = outline.node_cones(&bvh.tree.nodes);
         outline
     }
 
     /// Cones from the leaves up; `None` for a node without edges.
-    fn node_cones(&self, geometry: &Geometry, nodes: &[Node]) -> Vec<Option<Cone>> {
+    fn node_cones(&self, nodes: &[Node]) -> Vec<Option<Cone>> {
         let mut cones: Vec<Option<Cone>> = nodes
             .par_iter()
             .map(|node| {
                 let range = self.range(node);
-                range.map(|e| self.edge_cone(geometry, e)).reduce(Cone::union)
+                range.map(|e| self.edge_cone(e)).reduce(Cone::union)
             })
             .collect();
         for i in (0..nodes.len()).rev() {
@@ -149,31 +157,34 @@ impl Outline {
         first..self.first[(node.first + node.count) as usize] as usize
     }
 
-    fn edge_cone(&self, geometry: &Geometry, edge: usize) -> Cone {
-        let Edge { ends: [a, b], opposite: [c, d] } = self.edges[edge];
-        if c == ALWAYS {
+    fn edge_cone(&self, edge: usize) -> Cone {
+        let [one, two] = self.edges[edge].triangles;
+        if one == ALWAYS {
             return Cone::ALL;
         }
-        let at = |v: u32| geometry.positions[v as usize];
-        let one = normal([at(a), at(b), at(c)]);
-        let two = normal([at(b), at(a), at(d)]);
-        Cone { axis: one, cos: 1.0 }.union(Cone { axis: two, cos: 1.0 })
+        let cone = |t: u32| Cone { axis: self.normals[t as usize], cos: 1.0 };
+        cone(one).union(cone(two))
     }
 
-    /// One edge.
-    pub fn edge(&self, index: u32) -> &Edge {
-        &self.edges[index as usize]
+    fn planes(&self, geometry: &Geometry, edge: usize) -> EdgePlanes {
+        let Edge { ends, triangles } = self.edges[edge];
+        let normal = |t: u32| if t == ALWAYS { Vec3::ZERO } else { self.normals[t as usize] };
+        EdgePlanes {
+            ends: ends.map(|v| geometry.positions[v as usize]),
+            normals: triangles.map(normal),
+        }
     }
 
     /// Adds to `out` the edges in the shaft that can be silhouette edges for one of its receivers.
     /// Returns false, having stopped early, when there are more than `limit`.
     pub fn candidates(
         &self,
+        geometry: &Geometry,
         nodes: &[Node],
         shaft: &Shaft,
         limit: usize,
         stack: &mut Vec<u32>,
-        out: &mut Vec<u32>,
+        out: &mut Vec<EdgePlanes>,
     ) -> bool {
         stack.clear();
         if !nodes.is_empty() {
@@ -189,11 +200,15 @@ impl Outline {
                 stack.extend([node.first, i + 1]);
                 continue;
             }
-            let range = self.range(node);
-            if out.len() + range.len() > limit {
-                return false;
+            for e in self.range(node) {
+                let edge = self.planes(geometry, e);
+                if shaft.sees_edge(&edge) {
+                    if out.len() == limit {
+                        return false;
+                    }
+                    out.push(edge);
+                }
             }
-            out.extend(range.map(|e| e as u32));
         }
         true
     }
@@ -201,6 +216,7 @@ impl Outline {
     /// Bytes of edges and cones.
     pub fn bytes(&self) -> usize {
         self.edges.len() * size_of::<Edge>()
+            + self.normals.len() * size_of::<Vec3>()
             + self.first.len() * 4
             + self.cones.len() * size_of::<Option<Cone>>()
     }
@@ -264,9 +280,12 @@ impl Shaft {
         }
     }
 
-    /// Whether a box may have a part in the shaft.
+    /// Whether a node's box may have a part in the shaft.
     pub fn meets(&self, node: &Node) -> bool {
-        let (min, max) = (Vec3::from(node.min), Vec3::from(node.max));
+        self.meets_box(node.min.into(), node.max.into())
+    }
+
+    fn meets_box(&self, min: Vec3, max: Vec3) -> bool {
         if min.cmpgt(self.high).any() || max.cmplt(self.low).any() {
             return false;
         }
@@ -274,6 +293,17 @@ impl Shaft {
             let nearest = |n: f32, k: usize| n * if n > 0.0 { min[k] } else { max[k] };
             nearest(ni, i) + nearest(nj, j) <= offset
         })
+    }
+
+    /// Whether the edge may have a part in the shaft and may be a silhouette edge for a receiver.
+    fn sees_edge(&self, edge: &EdgePlanes) -> bool {
+        let [a, b] = edge.ends;
+        let view = self.center - a;
+        let [one, two] = edge.normals.map(|n| n.dot(view));
+        // Rounding of the dot product, as where receivers are looked at one by one.
+        let reach = self.radius + 1e-6 * view.abs().element_sum();
+        let goes_on = one.min(two) > reach || one.max(two) < -reach;
+        !goes_on && self.meets_box(a.min(b), a.max(b))
     }
 
     /// Whether all receivers are in front of all triangles with normals in the cone and a corner in

@@ -17,7 +17,7 @@ use robust::{Coord3D, orient3d};
 
 use super::TriangleBvh;
 use super::tree::Node;
-use crate::simd::{LANES, Lanes, Level, Row, detect, dispatch};
+use crate::simd::{Lanes, Level, Row, detect, dispatch};
 
 /// By how much boxes are widened, times the largest coordinate: a sheared vertex is off by less than
 /// 3 rounding errors (2⁻²⁴) of its distance from the origin, itself at most twice that coordinate.
@@ -93,8 +93,9 @@ unsafe fn all_axes<S: Lanes>(
 ) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
-        let size = |k: usize| S::load(&packet.target[k]).sub(S::load(&packet.origin[k])).abs();
-        let (x, y, z) = (size(0), size(1), size(2));
+        let x = along::<S>(packet, 0).abs();
+        let y = along::<S>(packet, 1).abs();
+        let z = along::<S>(packet, 2).abs();
         let along_z = x.le(z) & y.le(z);
         let along_x = !along_z & y.le(x);
         let along_y = !along_z & !along_x;
@@ -178,39 +179,83 @@ unsafe fn traverse<S: Lanes>(
     }
 }
 
+// Closures do not inherit the instruction set of the function around them; what is called with lanes
+// is a function of its own everywhere here.
+
+/// Extent of the segments along an axis.
+#[inline(always)]
+unsafe fn along<S: Lanes>(packet: &Packet, axis: usize) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { S::load(&packet.target[axis]).sub(S::load(&packet.origin[axis])) }
+}
+
+/// One over the extent along an axis, finite.
+#[inline(always)]
+unsafe fn inverse<S: Lanes>(packet: &Packet, axis: usize) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let mut row = Row::default();
+        along::<S>(packet, axis).store(&mut row);
+        for x in &mut row.0 {
+            *x = if x.abs() < TINY { TINY } else { *x };
+        }
+        S::splat(1.0).div(S::load(&row))
+    }
+}
+
 #[inline(always)]
 unsafe fn prepare<S: Lanes>(packet: &Packet, axis: usize) -> Rays<S> {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let axes = [(axis + 1) % 3, (axis + 2) % 3, axis];
-        let o = |k: usize| S::load(&packet.origin[k]);
-        let d = |k: usize| S::load(&packet.target[k]).sub(o(k));
         let mut largest = 1.0f32;
-        for k in 0..3 {
-            for lane in 0..LANES {
-                largest = largest.max(packet.origin[k].0[lane].abs());
+        for row in &packet.origin {
+            for x in &row.0 {
+                largest = largest.max(x.abs());
             }
         }
         let slack = S::splat(BOX_SLACK * largest);
-        let inverse = |k: usize| {
-            let mut row = Row::default();
-            d(k).store(&mut row);
-            for x in &mut row.0 {
-                *x = if x.abs() < TINY { TINY } else { *x };
-            }
-            S::splat(1.0).div(S::load(&row))
-        };
-        let length = d(axis);
+        let x = S::load(&packet.origin[0]);
+        let y = S::load(&packet.origin[1]);
+        let z = S::load(&packet.origin[2]);
+        let length = along::<S>(packet, axis);
         Rays {
-            low: [o(0).sub(slack), o(1).sub(slack), o(2).sub(slack)],
-            high: [o(0).add(slack), o(1).add(slack), o(2).add(slack)],
-            inverse: [inverse(0), inverse(1), inverse(2)],
-            origin: axes.map(|k| o(k)),
-            shear: [d(axes[0]).div(length), d(axes[1]).div(length)],
+            low: [x.sub(slack), y.sub(slack), z.sub(slack)],
+            high: [x.add(slack), y.add(slack), z.add(slack)],
+            inverse: [inverse(packet, 0), inverse(packet, 1), inverse(packet, 2)],
+            origin: [
+                S::load(&packet.origin[axes[0]]),
+                S::load(&packet.origin[axes[1]]),
+                S::load(&packet.origin[axes[2]]),
+            ],
+            shear: [
+                along::<S>(packet, axes[0]).div(length),
+                along::<S>(packet, axes[1]).div(length),
+            ],
             length,
             axes,
         }
     }
+}
+
+/// A vertex from the segments' origins, sheared so that they run along z.
+#[inline(always)]
+unsafe fn shear<S: Lanes>(rays: &Rays<S>, v: &Vec3) -> (S, S, S) {
+    let [kx, ky, kz] = rays.axes;
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let z = S::splat(v[kz]).sub(rays.origin[2]);
+        let x = S::splat(v[kx]).sub(rays.origin[0]).sub(rays.shear[0].mul(z));
+        let y = S::splat(v[ky]).sub(rays.origin[1]).sub(rays.shear[1].mul(z));
+        (x, y, z)
+    }
+}
+
+/// Largest of three absolute values.
+#[inline(always)]
+unsafe fn largest<S: Lanes>(a: S, b: S, c: S) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { a.abs().max(b.abs()).max(c.abs()) }
 }
 
 /// Segments that may enter the box.
@@ -239,16 +284,9 @@ unsafe fn triangle<S: Lanes>(
 ) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
-        let [kx, ky, kz] = rays.axes;
-        let shear = |v: &Vec3| {
-            let z = S::splat(v[kz]).sub(rays.origin[2]);
-            let x = S::splat(v[kx]).sub(rays.origin[0]).sub(rays.shear[0].mul(z));
-            let y = S::splat(v[ky]).sub(rays.origin[1]).sub(rays.shear[1].mul(z));
-            (x, y, z)
-        };
-        let (ax, ay, az) = shear(&corners[0]);
-        let (bx, by, bz) = shear(&corners[1]);
-        let (cx, cy, cz) = shear(&corners[2]);
+        let (ax, ay, az) = shear(rays, &corners[0]);
+        let (bx, by, bz) = shear(rays, &corners[1]);
+        let (cx, cy, cz) = shear(rays, &corners[2]);
         let u = cx.mul(by).sub(cy.mul(bx));
         let v = ax.mul(cy).sub(ay.mul(cx));
         let w = bx.mul(ay).sub(by.mul(ax));
@@ -259,7 +297,6 @@ unsafe fn triangle<S: Lanes>(
         }
         let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz));
         let rest = u.add(v).add(w).mul(rays.length).sub(t);
-        let largest = |a: S, b: S, c: S| a.abs().max(b.abs()).max(c.abs());
         let reach = largest(az, bz, cz).max(rays.length.abs());
         let error = largest(ax, bx, cx)
             .mul(largest(ay, by, cy))

@@ -9,7 +9,7 @@ use glam::Vec3;
 use super::grid::SeenEdge;
 use super::{MOST_EDGES, relative};
 use crate::bvh::TriangleBvh;
-use crate::bvh::outline::{ALWAYS, Edge, Shaft, normal};
+use crate::bvh::outline::{EdgePlanes, Shaft};
 use crate::geometry::Geometry;
 use crate::receivers::GROUP;
 use crate::sampling::{Sampler, View};
@@ -21,10 +21,27 @@ const ROWS: usize = GROUP / LANES;
 /// fewer than 8 rounding errors (2⁻²⁴) of the product of their sizes.
 const DOT_ERROR: f32 = 8.0 / (1 << 24) as f32;
 
+/// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
+/// light's own width.
+const WIDE: f32 = 0.1;
+
+/// A group of so few receivers is not halved any more.
+const FEWEST: usize = 4;
+
+/// What became of a search for edges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Found {
+    /// All edges that matter are known.
+    All,
+    /// There are too many; halving the receivers at this coordinate of this axis may help.
+    Split(usize, f64),
+    /// Culling does not pay or apply here.
+    NotHere,
+}
+
 /// What a thread knows of the group that it works on.
 #[derive(Default)]
 pub(super) struct Group {
-    candidates: Vec<u32>,
     stack: Vec<u32>,
     edges: Vec<EdgePlanes>,
     /// For every edge the receivers that must heed it, a bit each.
@@ -32,13 +49,6 @@ pub(super) struct Group {
     views: Vec<Option<View>>,
     origins: Vec<Vec3>,
     lanes: Box<Receiver>,
-}
-
-/// An edge with the normals of its two triangles, both as seen from the same side.
-#[derive(Debug, Clone, Copy)]
-struct EdgePlanes {
-    ends: [Vec3; 2],
-    normals: [Vec3; 2],
 }
 
 /// Receivers and their views of the light, lane by lane.
@@ -53,14 +63,13 @@ struct Receiver {
 }
 
 impl Group {
-    /// Finds the edges for receivers whose rays start at `origins`. False: culling does not pay or
-    /// apply here.
+    /// Finds the edges for receivers whose rays start at `origins`.
     pub(super) fn collect(
         &mut self,
         geometry: &Geometry,
         sampler: &Sampler,
         origins: &[Vec3],
-    ) -> bool {
+    ) -> Found {
         self.edges.clear();
         self.views.clear();
         self.views.extend(origins.iter().map(|o| sampler.view(o.as_dvec3())));
@@ -71,14 +80,14 @@ impl Group {
         let low = facing().fold(Vec3::INFINITY, Vec3::min);
         let high = facing().fold(Vec3::NEG_INFINITY, Vec3::max);
         if low.x > high.x {
-            return false;
+            return Found::NotHere;
         }
         let light = sampler.light().bounds();
         let shaft = Shaft::new((low, high), (light.0.as_vec3(), light.1.as_vec3()));
         let occluders = geometry.occluders();
         if let Some(spheres) = &occluders.spheres {
             if spheres.tree.nodes.iter().any(|n| n.count > 0 && shaft.meets(n)) {
-                return false;
+                return Found::NotHere;
             }
         }
         let transparent = occluders.transparent.as_ref().map(|(bvh, _)| bvh);
@@ -88,21 +97,24 @@ impl Group {
             .all(|bvh| self.collect_from(geometry, bvh, &shaft));
         if found {
             self.find_heeded();
+            return Found::All;
         }
-        found
+        // Halving the receivers narrows the shaft only where they are spread wide next to the light,
+        // as over the step from an outline to what lies behind it.
+        let spread = high - low;
+        let axis = spread.max_position();
+        let wide = spread[axis] > WIDE * (light.1 - light.0).max_element() as f32;
+        if wide && origins.len() > FEWEST {
+            let middle = 0.5 * (low[axis] + high[axis]);
+            return Found::Split(axis, f64::from(middle));
+        }
+        Found::NotHere
     }
 
     fn collect_from(&mut self, geometry: &Geometry, bvh: &TriangleBvh, shaft: &Shaft) -> bool {
         let outline = bvh.outline(geometry);
-        self.candidates.clear();
-        let limit = MOST_EDGES - self.edges.len().min(MOST_EDGES);
         let nodes = &bvh.tree.nodes;
-        if !outline.candidates(nodes, shaft, limit, &mut self.stack, &mut self.candidates) {
-            return false;
-        }
-        let planes = self.candidates.iter().map(|&e| planes(geometry, outline.edge(e)));
-        self.edges.extend(planes);
-        true
+        outline.candidates(geometry, nodes, shaft, MOST_EDGES, &mut self.stack, &mut self.edges)
     }
 
     /// Whether receiver `k` sees the light in a way that a grid can be laid over.
@@ -143,20 +155,41 @@ impl Group {
     }
 }
 
-fn planes(geometry: &Geometry, edge: &Edge) -> EdgePlanes {
-    let at = |v: u32| geometry.positions[v as usize];
-    let [a, b] = edge.ends.map(at);
-    // A zero normal puts every receiver within doubt of the plane.
-    let normals = if edge.opposite[0] == ALWAYS {
-        [Vec3::ZERO; 2]
-    } else {
-        // Each triangle runs through the edge in its own direction, so that a flat pair has equal
-        // normals whatever its winding.
-        [normal([a, b, at(edge.opposite[0])]), normal([b, a, at(edge.opposite[1])])]
-    };
-    EdgePlanes { ends: [a, b], normals }
+#[inline(always)]
+unsafe fn load<S: Lanes>(vectors: &[[Row; ROWS]; 3], row: usize) -> [S; 3] {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { [S::load(&vectors[0][row]), S::load(&vectors[1][row]), S::load(&vectors[2][row])] }
 }
 
+#[inline(always)]
+unsafe fn splat<S: Lanes>(p: Vec3) -> [S; 3] {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { [S::splat(p.x), S::splat(p.y), S::splat(p.z)] }
+}
+
+#[inline(always)]
+unsafe fn from<S: Lanes>(p: Vec3, origin: &[S; 3]) -> [S; 3] {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let [x, y, z] = splat::<S>(p);
+        [x.sub(origin[0]), y.sub(origin[1]), z.sub(origin[2])]
+    }
+}
+
+#[inline(always)]
+unsafe fn dot<S: Lanes>(a: &[S; 3], b: &[S; 3]) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2])) }
+}
+
+/// Sum of absolute values.
+#[inline(always)]
+unsafe fn size<S: Lanes>(p: &[S; 3]) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { p[0].abs().add(p[1].abs()).add(p[2].abs()) }
+}
+
+/// Sets, for every edge, the bits of the receivers that must heed it.
 #[inline(always)]
 unsafe fn heeded<S: Lanes>(edges: &[EdgePlanes], receivers: &Receiver, heed: &mut [u64]) {
     // SAFETY: the caller enabled the features of `S`.
@@ -166,20 +199,14 @@ unsafe fn heeded<S: Lanes>(edges: &[EdgePlanes], receivers: &Receiver, heed: &mu
             if receivers.valid[row] == 0 {
                 continue;
             }
-            let load = |v: &[[Row; ROWS]; 3]| [0, 1, 2].map(|k| S::load(&v[k][row]));
-            let (origin, u, v, w) =
-                (load(&receivers.origin), load(&receivers.u), load(&receivers.v), load(&receivers.w));
+            let origin = load::<S>(&receivers.origin, row);
+            let u = load::<S>(&receivers.u, row);
+            let v = load::<S>(&receivers.v, row);
+            let w = load::<S>(&receivers.w, row);
             let steepness = S::load(&receivers.steepness[row]);
-            let dot = |a: &[S; 3], b: &[S; 3]| {
-                a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2]))
-            };
-            let splat = |p: Vec3| [S::splat(p.x), S::splat(p.y), S::splat(p.z)];
-            let from = |p: Vec3| {
-                [0, 1, 2].map(|k| S::splat(p[k]).sub(origin[k]))
-            };
-            let size = |p: &[S; 3]| p[0].abs().add(p[1].abs()).add(p[2].abs());
             for (edge, heed) in edges.iter().zip(heed.iter_mut()) {
-                let (a, b) = (from(edge.ends[0]), from(edge.ends[1]));
+                let a = from(edge.ends[0], &origin);
+                let b = from(edge.ends[1], &origin);
                 let (size_a, size_b) = (size(&a), size(&b));
                 // Certainly in front of both triangles, or behind both.
                 let doubt = size_a.mul(S::splat(DOT_ERROR));

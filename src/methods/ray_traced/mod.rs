@@ -38,13 +38,13 @@ use crate::receivers::Receivers;
 use crate::sampling::{LightSamples, Pattern, Sampler};
 use crate::simd::{LANES, Row};
 use grid::Grid;
-use group::Group;
+use group::{Found, Group};
 
 /// Most samples a receiver.
 pub const MOST_SAMPLES: usize = 1 << 16;
 
-/// With more candidate edges than this, looking at them costs a receiver more than tracing does
-/// (measured on scanned meshes and trees: equal at about 1500 for 256 samples).
+/// Most candidate edges of a group. Beyond, the group is halved, or its samples are all traced: looking
+/// at so many edges costs as much. Half and twice as many make no difference to speed.
 pub const MOST_EDGES: usize = 1024;
 
 /// Parameters of the reference.
@@ -155,8 +155,10 @@ struct Scratch {
     through: Vec<Row>,
     /// Samples to trace, and for the grid's parts which samples each stands for.
     open: Vec<u32>,
-    /// Receivers without an edge, that wait for a full packet: place in the output.
-    waiting: Vec<usize>,
+    /// Where the rays of the receivers at hand start.
+    origins: Vec<Vec3>,
+    /// Receivers without an edge, that wait for a full packet, and their sums if they are lit.
+    waiting: Vec<(usize, [f32; 2])>,
 }
 
 #[derive(Default)]
@@ -174,49 +176,93 @@ impl PreparedRayTraced {
         light: &PreparedLight,
         s: &mut Scratch,
     ) -> Vec<[f32; 2]> {
+        let mut out = vec![[0.0f32; 2]; range.len()];
+        let first = range.start;
+        let mut ids: Vec<usize> = range.collect();
+        self.shade_neighbours(receivers, &mut ids, light, s, &mut |i, value| out[i - first] = value);
+        out
+    }
+
+    /// Shades receivers that share their candidate edges; halves them where there are too many.
+    fn shade_neighbours(
+        &self,
+        receivers: &Receivers,
+        ids: &mut [usize],
+        light: &PreparedLight,
+        s: &mut Scratch,
+        put: &mut impl FnMut(usize, [f32; 2]),
+    ) {
+        s.origins.clear();
+        s.origins.extend(ids.iter().map(|&i| receivers.ray_origin(i)));
+        let found = if light.cull {
+            s.group.collect(&self.geometry, &light.sampler, &s.origins)
+        } else {
+            Found::NotHere
+        };
+        if let Found::Split(axis, middle) = found {
+            let key = |&i: &usize| receivers.positions[i][axis] < middle;
+            ids.sort_by_key(key);
+            let (low, high) = ids.split_at_mut(ids.partition_point(|i| !key(i)));
+            if !low.is_empty() && !high.is_empty() {
+                self.shade_neighbours(receivers, low, light, s, put);
+                self.shade_neighbours(receivers, high, light, s, put);
+                return;
+            }
+        }
+        self.shade_each(receivers, ids, light, matches!(found, Found::All), s, put);
+    }
+
+    /// Shades receivers one by one; `known`: the group holds the edges that they must heed.
+    fn shade_each(
+        &self,
+        receivers: &Receivers,
+        ids: &[usize],
+        light: &PreparedLight,
+        known: bool,
+        s: &mut Scratch,
+        put: &mut impl FnMut(usize, [f32; 2]),
+    ) {
         let occluders = self.geometry.occluders();
-        let sampler = &light.sampler;
-        let origins: Vec<Vec3> = range.clone().map(|i| receivers.ray_origin(i)).collect();
-        let known = light.cull && s.group.collect(&self.geometry, sampler, &origins);
         // One segment for a whole receiver can wait for others only where it is all or nothing:
         // otherwise its sums must be made sample by sample, to give the same bits as without culling.
         let binary = occluders.transparent.is_none() && occluders.spheres.is_none();
-        let mut out = vec![[0.0f32; 2]; range.len()];
         s.waiting.clear();
-        for (k, i) in range.enumerate() {
+        for (k, &i) in ids.iter().enumerate() {
             let (p, n) = (receivers.positions[i], receivers.normals[i]);
-            sampler.fill(receivers.index[i], p, n, &mut s.samples);
-            let Some(first) = first_valid(&s.samples) else { continue };
+            light.sampler.fill(receivers.index[i], p, n, &mut s.samples);
+            let Some(first) = first_valid(&s.samples) else {
+                put(i, [0.0; 2]);
+                continue;
+            };
             let settled = known && s.group.has_view(k);
             if settled && binary && s.group.edges(k).next().is_none() {
-                out[k] = sums(&s.samples, None);
-                s.tracer.packet.set(s.waiting.len(), origins[k], s.samples.point(first));
-                s.waiting.push(k);
+                s.tracer.packet.set(s.waiting.len(), s.origins[k], s.samples.point(first));
+                s.waiting.push((i, sums(&s.samples, None)));
                 if s.waiting.len() == LANES {
-                    settle_waiting(occluders, &mut s.tracer, &mut s.waiting, &mut out);
+                    settle_waiting(occluders, &mut s.tracer, &mut s.waiting, put);
                 }
                 continue;
             }
             // The packet is in use by those who wait.
-            settle_waiting(occluders, &mut s.tracer, &mut s.waiting, &mut out);
+            settle_waiting(occluders, &mut s.tracer, &mut s.waiting, put);
             let drawn = settled && {
+                s.samples.find_cells();
                 s.grid.clear();
                 s.group.edges(k).all(|edge| s.grid.mark(edge))
             };
-            trace_samples(occluders, origins[k], drawn, s);
-            out[k] = sums(&s.samples, Some(&s.through));
+            trace_samples(occluders, s.origins[k], drawn, s);
+            put(i, sums(&s.samples, Some(&s.through)));
         }
-        settle_waiting(occluders, &mut s.tracer, &mut s.waiting, &mut out);
-        out
+        settle_waiting(occluders, &mut s.tracer, &mut s.waiting, put);
     }
 }
 
-/// Traces one segment for every receiver that waits and blacks out those that are hidden.
+/// Traces one segment for every receiver that waits and passes on its sums, or 0 where it is hidden.
 fn settle_waiting(
     occluders: &Occluders,
     tracer: &mut Tracer,
-    waiting: &mut Vec<usize>,
-    out: &mut [[f32; 2]],
+    waiting: &mut Vec<(usize, [f32; 2])>,
+    put: &mut impl FnMut(usize, [f32; 2]),
 ) {
     if waiting.is_empty() {
         return;
@@ -224,10 +270,8 @@ fn settle_waiting(
     let active = u16::MAX >> (LANES - waiting.len());
     let mut through = [0.0; LANES];
     occluders.transmittance(&tracer.packet, active, &mut tracer.stack, &mut through);
-    for (k, t) in waiting.drain(..).zip(through) {
-        if t == 0.0 {
-            out[k] = [0.0; 2];
-        }
+    for ((i, sums), t) in waiting.drain(..).zip(through) {
+        put(i, if t == 0.0 { [0.0; 2] } else { sums });
     }
 }
 
@@ -285,15 +329,26 @@ fn first_valid(samples: &LightSamples) -> Option<usize> {
 
 /// Visibility and irradiance from each sample's transmittance, or with every valid sample seen.
 ///
-/// Sixteen partial sums in `f32`, then one in order: the same operations whatever was culled.
+/// Sixteen partial sums in `f32`, then one in order. With every transmittance 0 or 1 both ways give the
+/// same bits: counts are exact, and products with 1 are the weights themselves.
 fn sums(samples: &LightSamples, through: Option<&[Row]>) -> [f32; 2] {
     let (mut seen, mut light) = (Row::default(), Row::default());
-    for (r, weights) in samples.weights.iter().enumerate() {
-        for lane in 0..LANES {
-            let valid = f32::from(samples.valid[r] >> lane & 1);
-            let t = through.map_or(valid, |t| t[r].0[lane]);
-            seen.0[lane] += t;
-            light.0[lane] += weights.0[lane] * t;
+    match through {
+        None => {
+            seen.0[0] = samples.valid.iter().map(|v| v.count_ones()).sum::<u32>() as f32;
+            for weights in &samples.weights {
+                for lane in 0..LANES {
+                    light.0[lane] += weights.0[lane];
+                }
+            }
+        }
+        Some(through) => {
+            for (weights, t) in samples.weights.iter().zip(through) {
+                for lane in 0..LANES {
+                    seen.0[lane] += t.0[lane];
+                    light.0[lane] += weights.0[lane] * t.0[lane];
+                }
+            }
         }
     }
     let total = |row: Row| row.0.iter().sum::<f32>();

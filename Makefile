@@ -1,0 +1,48 @@
+# Everything a newcomer needs, from Python >= 3.10 with pip, a stable Rust toolchain and make.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
+
+.PHONY: demo test lint bench clean
+.DEFAULT_GOAL := test
+
+$(VENV)/.tools: pyproject.toml requirements-dev.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=23.1"
+	$(BIN)/python -m pip install --quiet -r requirements-dev.txt
+	$(BIN)/python -m pip install --quiet --no-deps -r requirements-models.txt
+	touch $@
+
+$(STAMP): $(VENV)/.tools $(SOURCES)
+	$(BIN)/python -m pip install --quiet "maturin>=1.9.4,<2"
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet
+	touch $@
+
+## Renders the Stanford bunny's soft shadows with every method into demo/.
+demo: $(STAMP)
+	$(BIN)/python -m softshadow.demo demo
+
+## Runs every test, Rust and Python.
+test: $(STAMP)
+	cargo test --no-default-features --quiet
+	$(BIN)/python -m pytest
+
+## Formatters, linters and type checkers; warnings are errors.
+lint: $(STAMP)
+	cargo fmt --check
+	cargo clippy --all-targets --quiet -- -D warnings
+	cargo clippy --all-targets --no-default-features --quiet -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --quiet
+	$(BIN)/ruff format --check python tests benches
+	$(BIN)/ruff check python tests benches
+	$(BIN)/mypy
+	$(BIN)/stubtest softshadow._core
+
+## Speed against error, and against Mitsuba; see benches/README.md.
+bench: $(STAMP)
+	$(BIN)/python benches/mitsuba_speed.py
+
+clean:
+	rm -rf $(VENV) target demo

@@ -1,0 +1,256 @@
+"""The pieces that methods are made of, as functions from arrays to arrays.
+
+Everything here works in world coordinates. Points are rounded to ``float32`` relative to the middle
+of the scene (or mesh) at hand, which costs half a unit in the last place of its size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from softshadow._core import kernels as _kernels
+from softshadow.camera import Camera
+from softshadow.light import Light, Vector, as_vector
+from softshadow.scene import Scene
+
+__all__ = [
+    "light_fraction_above",
+    "light_samples",
+    "mesh_edges",
+    "rasterize",
+    "silhouette_edges",
+    "transmittance",
+    "unshadowed_irradiance",
+]
+
+_Floats = npt.NDArray[np.float32]
+_Doubles = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int32]
+
+
+def _points(array: npt.ArrayLike, what: str) -> _Doubles:
+    result = np.ascontiguousarray(np.asarray(array, dtype=np.float64))
+    if result.ndim != 2 or result.shape[1] != 3:
+        raise ValueError(f"{what}: expected shape (N, 3), got {result.shape}")
+    return result
+
+
+def _faces(array: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    result = np.asarray(array)
+    if result.dtype.kind not in "iu":
+        raise TypeError(f"faces: expected integers, got dtype {result.dtype}")
+    return np.ascontiguousarray(result, dtype=np.int64)
+
+
+def mesh_edges(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> tuple[_Ints, _Ints]:
+    """Find a mesh's edges and how many faces meet at each.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (V, 3)
+        Vertices at exactly equal positions count as one.
+    faces : array_like of int, shape (F, 3)
+
+    Returns
+    -------
+    edges : ndarray, shape (E, 2), int32
+        Vertex pairs, the lower index first, sorted; of joined vertices the lowest index is used.
+    counts : ndarray, shape (E,), int32
+        1 at a boundary, 2 where the mesh is manifold, more elsewhere.
+
+    Raises
+    ------
+    ValueError
+        If the mesh is invalid, as in `Scene.add`.
+    """
+    edges, counts = _kernels.mesh_edges(_points(vertices, "vertices"), _faces(faces))
+    return edges, counts
+
+
+def silhouette_edges(
+    vertices: npt.ArrayLike, faces: npt.ArrayLike, viewpoint: Vector
+) -> tuple[_Ints, _Ints]:
+    """Find the silhouette edges that a point sees.
+
+    An edge between a face in front of the point and one behind it (Akenine-Möller and Assarsson
+    2002, Section 3), an edge with one face, and an edge with more faces of which different numbers
+    lie on its two sides as the point sees it. Sides are decided by an exact predicate.
+
+    Parameters
+    ----------
+    vertices, faces
+        As in `mesh_edges`.
+    viewpoint : array_like, shape (3,)
+        Usually a light's centre.
+
+    Returns
+    -------
+    edges : ndarray, shape (S, 2), int32
+        Vertex pairs, the lower index first.
+    windings : ndarray, shape (S,), int32
+        Layers of occlusion on the left of the edge less those on its right, as the point sees it
+        looking along the edge; never 0. At every vertex as much enters as leaves.
+
+    Raises
+    ------
+    ValueError
+        If the mesh is invalid, as in `Scene.add`.
+    """
+    edges, windings = _kernels.silhouette_edges(
+        _points(vertices, "vertices"), _faces(faces), as_vector(viewpoint, "viewpoint")
+    )
+    return edges, windings
+
+
+def rasterize(
+    vertices: npt.ArrayLike,
+    faces: npt.ArrayLike,
+    camera: Camera,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[_Ints, _Floats]:
+    """Draw a mesh and return the nearest triangle of every pixel.
+
+    A pixel belongs to a triangle when its centre does; a centre on a shared edge belongs to exactly
+    one of the triangles there.
+
+    Parameters
+    ----------
+    vertices, faces
+        As in `mesh_edges`.
+    camera : Camera
+    progress : callable, optional
+        Is told the finished fraction.
+
+    Returns
+    -------
+    triangle_id : ndarray, shape (H, W), int32
+        -1 where nothing was hit.
+    depth : ndarray, shape (H, W), float32
+        Along the viewing axis, world units; inf where nothing was hit.
+
+    Raises
+    ------
+    ValueError
+        If the mesh is invalid, as in `Scene.add`.
+    """
+    ids, depth = _kernels.rasterize(
+        _points(vertices, "vertices"), _faces(faces), camera._core, progress
+    )
+    return ids, depth
+
+
+def transmittance(
+    scene: Scene,
+    origins: npt.ArrayLike,
+    targets: npt.ArrayLike,
+    progress: Callable[[float], None] | None = None,
+) -> _Floats:
+    """Trace segments against what casts in a scene.
+
+    A surface is crossed where the segment passes through it with its ends strictly on different
+    sides; a segment through an edge or a vertex that triangles share crosses one of them. There is
+    no epsilon: move an origin off its surface before the call.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its hierarchy is built at the first call and kept with it.
+    origins, targets : array_like, shape (N, 3)
+        Ends of the segments, world units.
+    progress : callable, optional
+        Is told the finished fraction.
+
+    Returns
+    -------
+    ndarray, shape (N,), float32
+        Product of ``1 - opacity`` over all crossings: 0 where blocked, 1 where free.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or a coordinate is not finite.
+    """
+    result: _Floats = _kernels.transmittance(
+        scene._core, _points(origins, "origins"), _points(targets, "targets"), progress
+    )
+    return result
+
+
+def unshadowed_irradiance(
+    light: Light, points: npt.ArrayLike, normals: npt.ArrayLike
+) -> _Doubles:
+    """Return the irradiance from a whole light of radiance 1, without occluders, in closed form.
+
+    Lambert's contour formula; the part of the light under the tangent plane is cut off.
+
+    Parameters
+    ----------
+    light : RectLight, DiskLight or SphereLight
+    points, normals : array_like, shape (N, 3)
+
+    Returns
+    -------
+    ndarray, shape (N,), float64
+    """
+    result: _Doubles = _kernels.unshadowed_irradiance(
+        light._core, _points(points, "points"), _points(normals, "normals")
+    )
+    return result
+
+
+def light_fraction_above(
+    light: Light, points: npt.ArrayLike, normals: npt.ArrayLike | None = None
+) -> _Doubles:
+    """Return the fraction of a light above each point's tangent plane and emitting towards it.
+
+    By area for flat lights, by solid angle for spheres; in closed form.
+
+    Parameters
+    ----------
+    light : RectLight, DiskLight or SphereLight
+    points : array_like, shape (N, 3)
+    normals : array_like, shape (N, 3), optional
+        None: no tangent plane.
+
+    Returns
+    -------
+    ndarray, shape (N,), float64
+    """
+    n = None if normals is None else _points(normals, "normals")
+    result: _Doubles = _kernels.light_fraction_above(light._core, _points(points, "points"), n)
+    return result
+
+
+def light_samples(
+    light: Light, point: Vector, samples: int = 256, seed: int = 0
+) -> tuple[_Doubles, _Floats, _Floats]:
+    """Return the light points that ``RayTraced(pattern="fixed")`` uses at a point.
+
+    Uniform in area on flat lights, uniform in the solid angle seen from `point` on spheres. Of
+    ``2 n`` samples, ``n`` are those of ``n`` samples with the same seed.
+
+    Parameters
+    ----------
+    light : RectLight, DiskLight or SphereLight
+    point : array_like, shape (3,)
+        The receiver.
+    samples : int
+        1 to 65536; powers of two are stratified best.
+    seed : int
+
+    Returns
+    -------
+    points : ndarray, shape (samples, 3), float64
+    weights : ndarray, shape (samples,), float32
+        Irradiance from each sample at radiance 1 onto a surface that faces it; 0 where the light
+        does not emit towards the point.
+    colours : ndarray, shape (samples, 3), float32
+        Radiance of each sample.
+    """
+    points, weights, colours = _kernels.light_samples(
+        light._core, as_vector(point, "point"), samples, seed
+    )
+    return points, weights, colours

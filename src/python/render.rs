@@ -1,0 +1,219 @@
+//! Preparing a method for a scene, rendering images and answering at points.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
+use super::{arrays, run};
+use crate::camera::Camera;
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::light::Light;
+use crate::methods::Prepared;
+use crate::receivers::{Receivers, Surface, from_camera};
+use crate::render::{irradiance, unshadow};
+
+/// A method, prepared for a scene and its lights.
+#[pyclass(name = "Prepared", module = "softshadow._core", frozen)]
+pub(super) struct PyPrepared {
+    geometry: Arc<Geometry>,
+    lights: Vec<Light>,
+    method: Box<dyn Prepared>,
+    seconds: Vec<(&'static str, f64)>,
+}
+
+/// Prepares a method for a scene and its lights.
+#[pyfunction]
+#[pyo3(signature = (scene, lights, method, progress))]
+pub(super) fn prepare(
+    py: Python<'_>,
+    scene: &PyScene,
+    lights: Vec<PyRef<'_, PyLight>>,
+    method: &PyMethod,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<PyPrepared> {
+    let lights: Vec<Light> = lights.iter().map(|l| l.0).collect();
+    let method = &*method.0;
+    run(py, progress.as_ref(), move |control| {
+        let start = Instant::now();
+        let geometry = scene.lock().geometry()?;
+        let geometry_seconds = start.elapsed().as_secs_f64();
+        let prepared = method.prepare(geometry.clone(), &lights, control)?;
+        let total = start.elapsed().as_secs_f64();
+        let seconds = vec![
+            ("prepare", total),
+            ("geometry", geometry_seconds),
+            ("structures", total - geometry_seconds),
+        ];
+        let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        Ok(PyPrepared { geometry, lights, method: prepared, seconds })
+    })
+}
+
+/// One frame, pixel by pixel.
+struct Frame {
+    visibility: Vec<f32>,
+    radiance: Vec<f32>,
+    mask: Vec<bool>,
+    position: Vec<f64>,
+    normal: Vec<f32>,
+    depth: Vec<f32>,
+    mesh_id: Vec<i32>,
+    triangle_id: Vec<i32>,
+    seconds: Vec<(&'static str, f64)>,
+}
+
+#[pymethods]
+impl PyPrepared {
+    #[getter]
+    fn seconds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        dictionary(py, &self.seconds)
+    }
+
+    #[pyo3(signature = (camera, progress))]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &PyCamera,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let world = camera.0;
+        let frame = run(py, progress.as_ref(), |control| self.frame(&world, control))?;
+        let (h, w) = (world.height as usize, world.width as usize);
+        let out = PyDict::new(py);
+        let lights = self.lights.len();
+        out.set_item(
+            "visibility",
+            PyArray1::from_vec(py, frame.visibility).reshape([lights, h, w])?,
+        )?;
+        out.set_item("radiance", PyArray1::from_vec(py, frame.radiance).reshape([h, w, 3])?)?;
+        out.set_item("mask", PyArray1::from_vec(py, frame.mask).reshape([h, w])?)?;
+        out.set_item("position", PyArray1::from_vec(py, frame.position).reshape([h, w, 3])?)?;
+        out.set_item("normal", PyArray1::from_vec(py, frame.normal).reshape([h, w, 3])?)?;
+        out.set_item("depth", PyArray1::from_vec(py, frame.depth).reshape([h, w])?)?;
+        out.set_item("mesh_id", PyArray1::from_vec(py, frame.mesh_id).reshape([h, w])?)?;
+        out.set_item("triangle_id", PyArray1::from_vec(py, frame.triangle_id).reshape([h, w])?)?;
+        let all: Vec<_> = self.seconds.iter().chain(&frame.seconds).copied().collect();
+        out.set_item("seconds", dictionary(py, &all)?)?;
+        out.set_item("bytes", self.method.bytes())?;
+        Ok(out)
+    }
+
+    #[pyo3(signature = (points, normals, progress))]
+    fn visibility<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        normals: Option<PyReadonlyArray2<'py, f64>>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let points = arrays::points(&points, "points")?;
+        let normals = normals.map(|n| arrays::points(&n, "normals")).transpose()?;
+        if normals.as_ref().is_some_and(|n| n.len() != points.len()) {
+            let reason = format!("expected {} as the points", points.len());
+            return Err(Error::parameter("normals", reason).into());
+        }
+        let n = points.len();
+        let flat = run(py, progress.as_ref(), |control| {
+            let receivers = Receivers::from_points(&self.geometry, &points, normals.as_deref())?;
+            let mut out = vec![0.0; n * self.lights.len()];
+            for (light, out) in out.chunks_mut(n.max(1)).enumerate() {
+                let shading = self.method.shade(&receivers, light, control)?;
+                scatter(&receivers, &shading.visibility, out);
+            }
+            Ok(out)
+        })?;
+        PyArray1::from_vec(py, flat).reshape([self.lights.len(), n])
+    }
+}
+
+impl PyPrepared {
+    fn frame(&self, world: &Camera, control: &Control) -> Result<Frame> {
+        let geometry = &*self.geometry;
+        let start = Instant::now();
+        let camera = world.to_local(&geometry.frame);
+        let (surface, receivers) = from_camera(geometry, &camera, control)?;
+        let receivers_done = start.elapsed().as_secs_f64();
+        let pixels = camera.pixels();
+        let mut frame = self.surface_arrays(&surface, &receivers, pixels);
+        frame.visibility = vec![1.0; pixels * self.lights.len()];
+        let mut shade_seconds = 0.0;
+        for (number, light) in self.lights.iter().enumerate() {
+            let shade_start = Instant::now();
+            let mut shading = self.method.shade(&receivers, number, control)?;
+            shade_seconds += shade_start.elapsed().as_secs_f64();
+            unshadow(&mut shading, geometry, &surface, &receivers, light);
+            let out = &mut frame.visibility[number * pixels..(number + 1) * pixels];
+            scatter(&receivers, &shading.visibility, out);
+            let irradiance = irradiance(&shading, &receivers, light);
+            for (&pixel, e) in receivers.index.iter().zip(irradiance) {
+                let entry = frame.mesh_id[pixel as usize] as u32;
+                let albedo = geometry.material(entry).albedo;
+                for channel in 0..3 {
+                    frame.radiance[pixel as usize * 3 + channel] += albedo[channel]
+                        * std::f32::consts::FRAC_1_PI
+                        * light.radiance[channel]
+                        * e;
+                }
+            }
+        }
+        frame.seconds = vec![
+            ("frame", start.elapsed().as_secs_f64()),
+            ("receivers", receivers_done),
+            ("shade", shade_seconds),
+        ];
+        Ok(frame)
+    }
+
+    /// What does not depend on the light.
+    fn surface_arrays(&self, surface: &Surface, receivers: &Receivers, pixels: usize) -> Frame {
+        let geometry = &*self.geometry;
+        let mut frame = Frame {
+            visibility: Vec::new(),
+            radiance: vec![0.0; pixels * 3],
+            mask: vec![false; pixels],
+            position: vec![0.0; pixels * 3],
+            normal: vec![0.0; pixels * 3],
+            depth: vec![f32::INFINITY; pixels],
+            mesh_id: vec![-1; pixels],
+            triangle_id: vec![-1; pixels],
+            seconds: Vec::new(),
+        };
+        for (i, &pixel) in receivers.index.iter().enumerate() {
+            let at = pixel as usize;
+            let Some((entry, part)) = surface.hit[at].entry(geometry) else { continue };
+            frame.mask[at] = true;
+            (frame.mesh_id[at], frame.triangle_id[at]) = (entry as i32, part as i32);
+            frame.depth[at] = (surface.depth[at] * geometry.frame.unit) as f32;
+            let p = geometry.frame.to_world(receivers.positions[i]);
+            let n: DVec3 = receivers.normals[i];
+            for axis in 0..3 {
+                frame.position[at * 3 + axis] = p[axis];
+                frame.normal[at * 3 + axis] = n[axis] as f32;
+            }
+        }
+        frame
+    }
+}
+
+/// From the receivers' order to the user's.
+fn scatter(receivers: &Receivers, values: &[f32], out: &mut [f32]) {
+    for (&i, &v) in receivers.index.iter().zip(values) {
+        out[i as usize] = v;
+    }
+}
+
+fn dictionary<'py>(py: Python<'py>, items: &[(&'static str, f64)]) -> PyResult<Bound<'py, PyDict>> {
+    let out = PyDict::new(py);
+    for (name, value) in items {
+        out.set_item(name, value)?;
+    }
+    Ok(out)
+}
+
