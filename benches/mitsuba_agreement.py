@@ -59,9 +59,12 @@ def compare(model: str, light: str, arguments: argparse.Namespace) -> dict[str, 
         setup.scene, setup.camera, setup.light, arguments.samples, arguments.variant
     )
     full = ss.mitsuba.unshadowed(setup.scene, setup.camera, setup.light)
-    contact = ss.mitsuba.contact_pixels(setup.scene, image, setup.light)
-    mask = image.mask & ~contact
-    test = ss.mitsuba.z_test(mean, theirs, variance, mask, unshadowed=full)
+    offset = ss.mitsuba.ray_offset(setup.scene, image, setup.light)
+    edge = (image.mask != theirs.mask) | (np.abs(image.normal - theirs.normal).max(axis=-1) > 1e-3)
+    mask = image.mask & ~offset.contact & ~edge
+    as_is = ss.mitsuba.z_test(mean, theirs, variance, mask, unshadowed=full)
+    lifted = offset.lift(mean, full)
+    test = ss.mitsuba.z_test(lifted, theirs, variance, mask, unshadowed=full)
     maximum = full.max()
     difference = (mean - theirs.radiance).mean(axis=-1) / maximum
     scale = 1 / max(np.percentile(mean, 99), 1e-30)
@@ -72,22 +75,24 @@ def compare(model: str, light: str, arguments: argparse.Namespace) -> dict[str, 
             (np.clip(mean * scale, 0, 1)) ** (1 / 2.2),
             (np.clip(theirs.radiance * scale, 0, 1)) ** (1 / 2.2),
             signed(np.where(image.mask, difference, 0), 0.02),
-            np.where(contact[..., None], [1.0, 0.0, 1.0], signed(test.z, 5)),
+            np.where((image.mask & ~mask)[..., None], [1.0, 0.0, 1.0], signed(test.z, 5)),
         ],
     )
     return {
         "model": model,
         "light": light,
         "pixels": test.pixels,
-        "contact": int((image.mask & contact).sum()),
-        "other_surface": int((image.mask != theirs.mask).sum()),
+        "contact": int(offset.contact.sum()),
+        "edge": int(edge.sum()),
         "failures": test.failures,
-        "largest": test.largest / maximum,
-        "largest_contact": float(np.abs(difference[image.mask]).max()),
+        "largest": as_is.largest / maximum,
+        "largest_masked": float(np.abs(difference[image.mask]).max()),
         "rms": float(np.sqrt(np.mean(difference[mask] ** 2))),
         "rms_expected": float(np.sqrt(np.mean((theirs.variance + variance)[mask])) / maximum),
-        "mean": test.mean / maximum,
-        "mean_z": test.mean_z,
+        "mean": as_is.mean / maximum,
+        "mean_z": as_is.mean_z,
+        "mean_lifted": test.mean / maximum,
+        "mean_z_lifted": test.mean_z,
         "z_rms": float(np.sqrt(np.mean(test.z[mask] ** 2))),
         "seconds": theirs.seconds,
     }

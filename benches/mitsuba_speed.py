@@ -34,8 +34,10 @@ SIDES = ("softshadow", "softshadow cull=False", "mitsuba scalar_rgb", "mitsuba l
 # slower.
 LIGHT_SAMPLES_PER_RAY = {"mitsuba scalar_rgb": 64, "mitsuba llvm_ad_mono": 8}
 
-# A frame that would take longer than this is rendered with fewer samples and scaled, seconds.
+# A frame of Mitsuba's that would take longer than this, in seconds, is rendered with fewer samples and
+# scaled; what it would take is predicted from this many samples.
 LONGEST_FRAME = 15.0
+PROBE = 64
 
 LLVM_PLACES = (
     "/usr/lib/*/libLLVM-19.so*",
@@ -94,6 +96,14 @@ def softshadow_frames(setup: Any, cull: bool) -> Callable[[int], dict[str, Any]]
         }
 
     return frame
+
+
+def first_prepare(setup: Any) -> dict[str, float]:
+    """Prepare a fresh scene and return its stages; later ones find the trees built."""
+    import softshadow as ss
+
+    seconds: dict[str, float] = ss.prepare(setup.scene, setup.light, "ray_traced").seconds
+    return seconds
 
 
 def mitsuba_frames(setup: Any, side: str) -> Callable[[int], dict[str, Any]]:
@@ -168,11 +178,13 @@ def work(side: str, scene: str, size: int) -> None:
         return
     setup = load_setup(scene, size)
     before = peak_megabytes()
+    hello: dict[str, Any] = {"triangles": setup.scene.triangle_count}
     if side.startswith("mitsuba"):
         frame = mitsuba_frames(setup, side)
     else:
         frame = softshadow_frames(setup, cull=not side.endswith("cull=False"))
-    answer({"triangles": setup.scene.triangle_count})
+        hello["prepare"] = first_prepare(setup)
+    answer(hello)
     for line in sys.stdin:
         result = frame(int(line))
         answer({**result, "peak": peak_megabytes(), "loaded": before})
@@ -236,15 +248,17 @@ def available_sides() -> list[str]:
 def time_scene(scene: str, arguments: argparse.Namespace) -> list[dict[str, Any]]:
     workers = [Worker(side, scene, arguments.size) for side in available_sides()]
     triangles = workers[0].hello["triangles"]
+    print(f"{scene}, {triangles} triangles; prepare, ms: {stages(workers[0].hello['prepare'])}")
     rows = []
     for samples in arguments.samples:
         asked = {}
         for worker in workers:
-            worker.frame(samples=8)  # the first touch of memory and, for LLVM, a first kernel
-            estimate = worker.frame(samples=8)["seconds"] * samples / 8
+            # The first touch of memory and, for LLVM, the kernel; then a frame to predict from.
+            worker.frame(PROBE)
+            estimate = worker.frame(PROBE)["seconds"] * samples / PROBE
             asked[worker.side] = samples
-            if estimate > LONGEST_FRAME:
-                asked[worker.side] = max(8, int(samples * LONGEST_FRAME / estimate) // 8 * 8)
+            if worker.side.startswith("mitsuba") and estimate > LONGEST_FRAME:
+                asked[worker.side] = max(PROBE, int(samples * LONGEST_FRAME / estimate) // 64 * 64)
             worker.frame(asked[worker.side])
         frames: dict[str, list[dict[str, Any]]] = {worker.side: [] for worker in workers}
         for _ in range(arguments.repeats):
@@ -300,11 +314,15 @@ def print_row(row: dict[str, Any]) -> None:
     )
 
 
+def stages(seconds: dict[str, float]) -> str:
+    return ", ".join(f"{name} {1e3 * value:.1f}" for name, value in seconds.items())
+
+
 def print_stages(frames: list[dict[str, Any]]) -> None:
     names = list(frames[0]["stages"])
     medians = {n: statistics.median(frame["stages"][n] for frame in frames) for n in names}
-    stages = ", ".join(f"{name} {1e3 * value:.1f}" for name, value in medians.items())
-    print(f"{'':14} {'':7} softshadow's stages, ms: {stages}; {frames[0]['bytes'] / 1e6:.1f} MB\n")
+    size = frames[0]["bytes"] / 1e6
+    print(f"{'':22} softshadow's frame, ms: {stages(medians)}; {size:.1f} MB\n", flush=True)
 
 
 def main() -> None:
@@ -333,7 +351,9 @@ def main() -> None:
         build = Worker("build", "-", 0)
         print(
             "1M triangles: add {add:.2f} s, prepare {prepare:.2f} s, peak {peak:.0f} MB; "
-            "stages {stages}".format(**build.hello)
+            "prepare, ms: {stages}".format(
+                **{**build.hello, "stages": stages(build.hello["stages"])}
+            )
         )
         build.close()
     results = Path(__file__).parent / "results"

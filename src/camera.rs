@@ -55,18 +55,32 @@ impl Camera {
         }
         // A pose read from a file of single-precision numbers is rigid to about 1e-6.
         let gram = camera_to_world.transpose() * camera_to_world - DMat3::IDENTITY;
-        let off = gram.to_cols_array().into_iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        let off = gram
+            .to_cols_array()
+            .into_iter()
+            .fold(0.0f64, |m, x| m.max(x.abs()));
         if off > 1e-5 || camera_to_world.determinant() < 0.0 {
-            return bad(format!("the pose must be a rotation; it is off by {off:.1e}"));
+            return bad(format!(
+                "the pose must be a rotation; it is off by {off:.1e}"
+            ));
         }
         let rotation = camera_to_world.transpose();
         let (width, height) = (width as u32, height as u32);
-        Ok(Camera { eye, rotation, intrinsics, width, height })
+        Ok(Camera {
+            eye,
+            rotation,
+            intrinsics,
+            width,
+            height,
+        })
     }
 
     /// The same camera in a scene's local coordinates.
     pub fn to_local(&self, frame: &Frame) -> Camera {
-        Camera { eye: frame.to_local(self.eye), ..*self }
+        Camera {
+            eye: frame.to_local(self.eye),
+            ..*self
+        }
     }
 
     /// Homogeneous pixel coordinates: `(x z, y z, z)`.

@@ -120,12 +120,18 @@ impl Error {
 
     /// Shorthand for [`Error::Parameter`].
     pub fn parameter(what: impl Into<String>, reason: impl Into<String>) -> Self {
-        Error::Parameter { what: what.into(), reason: reason.into() }
+        Error::Parameter {
+            what: what.into(),
+            reason: reason.into(),
+        }
     }
 
     /// Shorthand for [`Error::Scene`].
     pub fn scene(what: impl Into<String>, reason: impl Into<String>) -> Self {
-        Error::Scene { what: what.into(), reason: reason.into() }
+        Error::Scene {
+            what: what.into(),
+            reason: reason.into(),
+        }
     }
 }
 

@@ -110,10 +110,18 @@ impl Geometry {
                     let limit = u32::MAX as usize / 4;
                     if count > limit || first_vertex + mesh.vertices().len() > limit {
                         let what = "scene".to_string();
-                        return Err(Error::TooLarge { what, count, items: "triangles", limit });
+                        return Err(Error::TooLarge {
+                            what,
+                            count,
+                            items: "triangles",
+                            limit,
+                        });
                     }
-                    let moved: Vec<DVec3> =
-                        mesh.vertices().par_iter().map(|&v| transform.transform_point3(v)).collect();
+                    let moved: Vec<DVec3> = mesh
+                        .vertices()
+                        .par_iter()
+                        .map(|&v| transform.transform_point3(v))
+                        .collect();
                     let (low, high) = mesh
                         .faces()
                         .par_iter()
@@ -154,12 +162,18 @@ impl Geometry {
         let mut positions = Vec::with_capacity(first_vertex);
         for vertices in &world {
             // A vertex that no face uses may lie anywhere; clamped, it stays finite in f32.
-            let local = |v: &DVec3| frame.to_local(*v).clamp(DVec3::splat(-2.0), DVec3::splat(2.0));
+            let local = |v: &DVec3| {
+                frame
+                    .to_local(*v)
+                    .clamp(DVec3::splat(-2.0), DVec3::splat(2.0))
+            };
             positions.par_extend(vertices.par_iter().map(|v| local(v).as_vec3()));
         }
         let mut spheres = Vec::new();
         for (entry, e) in entries.iter().enumerate() {
-            let Shape::Spheres(list) = &e.shape else { continue };
+            let Shape::Spheres(list) = &e.shape else {
+                continue;
+            };
             spheres.extend(list.iter().enumerate().map(|(index, &(c, r))| Sphere {
                 center: frame.to_local(c),
                 radius: r / frame.unit,
@@ -213,7 +227,10 @@ fn frame_of(low: DVec3, high: DVec3) -> Frame {
     let unit = half.log2().ceil().exp2();
     // `log2` may round down at a power of two.
     let unit = if unit < half { unit * 2.0 } else { unit };
-    Frame { origin: 0.5 * low + 0.5 * high, unit }
+    Frame {
+        origin: 0.5 * low + 0.5 * high,
+        unit,
+    }
 }
 
 #[cfg(test)]

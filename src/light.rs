@@ -62,7 +62,10 @@ impl Light {
             let reason = format!("edge_u {u} and edge_v {v} span no area; a light needs area here");
             return Err(Error::parameter("RectLight", reason));
         }
-        Ok(Light { shape: Shape::Rect { center, u, v }, radiance })
+        Ok(Light {
+            shape: Shape::Rect { center, u, v },
+            radiance,
+        })
     }
 
     /// A disk; `normal` may have any length but zero.
@@ -75,7 +78,14 @@ impl Light {
             return Err(Error::parameter("DiskLight", "normal must not be zero"));
         };
         non_negative("DiskLight", radius)?;
-        Ok(Light { shape: Shape::Disk { center, normal, radius }, radiance })
+        Ok(Light {
+            shape: Shape::Disk {
+                center,
+                normal,
+                radius,
+            },
+            radiance,
+        })
     }
 
     /// A sphere.
@@ -85,7 +95,10 @@ impl Light {
     pub fn sphere(center: DVec3, radius: f64, radiance: [f32; 3]) -> Result<Self> {
         finite("SphereLight", &[center, DVec3::splat(radius)])?;
         non_negative("SphereLight", radius)?;
-        Ok(Light { shape: Shape::Sphere { center, radius }, radiance })
+        Ok(Light {
+            shape: Shape::Sphere { center, radius },
+            radiance,
+        })
     }
 
     /// The same light in a scene's local coordinates.
@@ -96,22 +109,32 @@ impl Light {
                 u: frame.vector_to_local(u),
                 v: frame.vector_to_local(v),
             },
-            Shape::Disk { center, normal, radius } => {
-                Shape::Disk { center: frame.to_local(center), normal, radius: radius / frame.unit }
-            }
-            Shape::Sphere { center, radius } => {
-                Shape::Sphere { center: frame.to_local(center), radius: radius / frame.unit }
-            }
+            Shape::Disk {
+                center,
+                normal,
+                radius,
+            } => Shape::Disk {
+                center: frame.to_local(center),
+                normal,
+                radius: radius / frame.unit,
+            },
+            Shape::Sphere { center, radius } => Shape::Sphere {
+                center: frame.to_local(center),
+                radius: radius / frame.unit,
+            },
         };
-        Light { shape, radiance: self.radiance }
+        Light {
+            shape,
+            radiance: self.radiance,
+        }
     }
 
     /// The light's middle.
     pub fn center(&self) -> DVec3 {
         match self.shape {
-            Shape::Rect { center, .. } | Shape::Disk { center, .. } | Shape::Sphere { center, .. } => {
-                center
-            }
+            Shape::Rect { center, .. }
+            | Shape::Disk { center, .. }
+            | Shape::Sphere { center, .. } => center,
         }
     }
 
@@ -119,9 +142,17 @@ impl Light {
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let (center, half) = match self.shape {
             Shape::Rect { center, u, v } => (center, 0.5 * (u.abs() + v.abs())),
-            Shape::Disk { center, normal, radius } => {
-                (center, radius * (DVec3::ONE - normal * normal).max(DVec3::ZERO).map(f64::sqrt))
-            }
+            Shape::Disk {
+                center,
+                normal,
+                radius,
+            } => (
+                center,
+                radius
+                    * (DVec3::ONE - normal * normal)
+                        .max(DVec3::ZERO)
+                        .map(f64::sqrt),
+            ),
             Shape::Sphere { center, radius } => (center, DVec3::splat(radius)),
         };
         (center - half, center + half)
@@ -178,7 +209,9 @@ impl Light {
         }
         let d = self.center() - p;
         let value = match self.shape {
-            Shape::Rect { u, v, .. } => polygon_irradiance(&clip_above(&rect_corners(d, u, v), n), n),
+            Shape::Rect { u, v, .. } => {
+                polygon_irradiance(&clip_above(&rect_corners(d, u, v), n), n)
+            }
             Shape::Disk { normal, radius, .. } => disk_irradiance(d, normal, radius, n),
             Shape::Sphere { radius, .. } => {
                 let distance = d.length();
@@ -205,7 +238,10 @@ impl Light {
 fn finite(what: &str, values: &[DVec3]) -> Result<()> {
     match values.iter().find(|v| !v.is_finite()) {
         None => Ok(()),
-        Some(v) => Err(Error::parameter(what, format!("expected finite numbers, got {v}"))),
+        Some(v) => Err(Error::parameter(
+            what,
+            format!("expected finite numbers, got {v}"),
+        )),
     }
 }
 
@@ -213,7 +249,10 @@ fn non_negative(what: &str, radius: f64) -> Result<()> {
     if radius >= 0.0 {
         return Ok(());
     }
-    Err(Error::parameter(what, format!("radius must be 0 or more, got {radius}")))
+    Err(Error::parameter(
+        what,
+        format!("radius must be 0 or more, got {radius}"),
+    ))
 }
 
 fn rect_corners(d: DVec3, u: DVec3, v: DVec3) -> [DVec3; 4] {
@@ -240,7 +279,10 @@ fn clip_above(polygon: &[DVec3], n: DVec3) -> Vec<DVec3> {
 fn polygon_area(polygon: &[DVec3]) -> f64 {
     let fan = polygon.windows(2).skip(1);
     let origin = polygon.first().copied().unwrap_or_default();
-    0.5 * fan.map(|w| (w[0] - origin).cross(w[1] - origin)).sum::<DVec3>().length()
+    0.5 * fan
+        .map(|w| (w[0] - origin).cross(w[1] - origin))
+        .sum::<DVec3>()
+        .length()
 }
 
 /// Half the angle that two directions span, over the sine of that angle, times their cross product:
@@ -248,11 +290,16 @@ fn polygon_area(polygon: &[DVec3]) -> f64 {
 fn contour_edge(a: DVec3, b: DVec3) -> DVec3 {
     let cross = a.cross(b);
     let sin = cross.length();
-    if sin == 0.0 { DVec3::ZERO } else { cross * (0.5 * sin.atan2(a.dot(b)) / sin) }
+    if sin == 0.0 {
+        DVec3::ZERO
+    } else {
+        cross * (0.5 * sin.atan2(a.dot(b)) / sin)
+    }
 }
 
 fn polygon_irradiance(polygon: &[DVec3], n: DVec3) -> f64 {
-    let edges = (0..polygon.len()).map(|i| contour_edge(polygon[i], polygon[(i + 1) % polygon.len()]));
+    let edges =
+        (0..polygon.len()).map(|i| contour_edge(polygon[i], polygon[(i + 1) % polygon.len()]));
     edges.sum::<DVec3>().dot(n).abs()
 }
 
@@ -293,7 +340,11 @@ fn cap_fraction_above(cos: f64, sin: f64) -> f64 {
 fn disk_irradiance(d: DVec3, m: DVec3, radius: f64, n: DVec3) -> f64 {
     let in_plane = d - d.dot(m) * m;
     let offset = in_plane.length();
-    let e1 = if offset > 0.0 { in_plane / offset } else { m.any_orthonormal_vector() };
+    let e1 = if offset > 0.0 {
+        in_plane / offset
+    } else {
+        m.any_orthonormal_vector()
+    };
     let e2 = m.cross(e1);
     // Height over the tangent plane at φ: h0 + h1 cos(φ - φ0).
     let (h0, hc, hs) = (n.dot(d), radius * n.dot(e1), radius * n.dot(e2));
@@ -354,18 +405,28 @@ mod tests {
         let (mut irradiance, mut above, mut total) = (0.0, 0.0, 0.0);
         for i in 0..steps {
             for j in 0..steps {
-                let (s, t) = ((i as f64 + 0.5) / steps as f64, (j as f64 + 0.5) / steps as f64);
+                let (s, t) = (
+                    (i as f64 + 0.5) / steps as f64,
+                    (j as f64 + 0.5) / steps as f64,
+                );
                 let (direction, weight) = match light.shape {
                     Shape::Rect { center, u, v } => {
                         let r = center + (s - 0.5) * u + (t - 0.5) * v - p;
                         (r, -u.cross(v).dot(r) / r.length().powi(3))
                     }
-                    Shape::Disk { center, normal, radius } => {
+                    Shape::Disk {
+                        center,
+                        normal,
+                        radius,
+                    } => {
                         let e1 = normal.any_orthonormal_vector();
                         let (rho, phi) = (s.sqrt() * radius, TAU * t);
                         let e = phi.cos() * e1 + phi.sin() * normal.cross(e1);
                         let r = center + rho * e - p;
-                        (r, -normal.dot(r) * PI * radius * radius / r.length().powi(3))
+                        (
+                            r,
+                            -normal.dot(r) * PI * radius * radius / r.length().powi(3),
+                        )
                     }
                     Shape::Sphere { center, radius } => {
                         let d = center - p;
@@ -401,13 +462,20 @@ mod tests {
     #[test]
     fn closed_forms_agree_with_quadrature_above_and_across_the_tangent_plane() {
         // 400² midpoints: smooth integrands to 1e-5, the horizon's cut to about 1/400 of a row.
-        let normals = [DVec3::Z, DVec3::new(0.9, 0.1, 0.3), DVec3::new(-1.0, 0.2, 0.02)];
+        let normals = [
+            DVec3::Z,
+            DVec3::new(0.9, 0.1, 0.3),
+            DVec3::new(-1.0, 0.2, 0.02),
+        ];
         for light in lights() {
             for n in normals.map(DVec3::normalize) {
                 let p = DVec3::new(0.1, 0.2, -0.1);
                 let (irradiance, above) = brute_force(&light, p, n, 400);
                 let got = light.unshadowed_irradiance(p, n);
-                assert!((got - irradiance).abs() < 2e-4 * irradiance.max(0.05), "{light:?} {n}: {got} {irradiance}");
+                assert!(
+                    (got - irradiance).abs() < 2e-4 * irradiance.max(0.05),
+                    "{light:?} {n}: {got} {irradiance}"
+                );
                 let h = light.fraction_above(p, n);
                 assert!((h - above).abs() < 3e-3, "{light:?} {n}: {h} {above}");
             }

@@ -50,7 +50,9 @@ impl Receivers {
 
     /// Ranges of receivers that are neighbours.
     pub fn group_ranges(&self) -> impl IndexedParallelIterator<Item = std::ops::Range<usize>> {
-        self.groups.par_windows(2).map(|w| w[0] as usize..w[1] as usize)
+        self.groups
+            .par_windows(2)
+            .map(|w| w[0] as usize..w[1] as usize)
     }
 
     /// Where rays of receiver `i` start: moved along its normal by four ulps of the largest coordinate
@@ -73,7 +75,12 @@ impl Receivers {
         let limit = u32::MAX as usize;
         if points.len() > limit {
             let (what, count) = ("points".to_string(), points.len());
-            return Err(Error::TooLarge { what, count, items: "points", limit });
+            return Err(Error::TooLarge {
+                what,
+                count,
+                items: "points",
+                limit,
+            });
         }
         check_finite("points", "point", points)?;
         if let Some(normals) = normals {
@@ -82,15 +89,22 @@ impl Receivers {
                 return Err(Error::parameter("normals", format!("normal {i} is zero")));
             }
         }
-        let local: Vec<DVec3> = points.par_iter().map(|&p| geometry.frame.to_local(p)).collect();
-        let mut order: Vec<(u64, u32)> =
-            local.par_iter().enumerate().map(|(i, p)| (morton(*p), i as u32)).collect();
+        let local: Vec<DVec3> = points
+            .par_iter()
+            .map(|&p| geometry.frame.to_local(p))
+            .collect();
+        let mut order: Vec<(u64, u32)> = local
+            .par_iter()
+            .enumerate()
+            .map(|(i, p)| (morton(*p), i as u32))
+            .collect();
         order.par_sort_unstable();
         let index: Vec<u32> = order.into_iter().map(|(_, i)| i).collect();
-        let normal = |&i: &u32| {
-            normals.map_or(DVec3::ZERO, |n| n[i as usize].normalize())
-        };
-        let groups = (0..index.len()).step_by(GROUP).chain([index.len()]).map(|g| g as u32);
+        let normal = |&i: &u32| normals.map_or(DVec3::ZERO, |n| n[i as usize].normalize());
+        let groups = (0..index.len())
+            .step_by(GROUP)
+            .chain([index.len()])
+            .map(|g| g as u32);
         Ok(Receivers {
             positions: index.par_iter().map(|&i| local[i as usize]).collect(),
             normals: index.par_iter().map(normal).collect(),
@@ -178,11 +192,20 @@ pub fn from_camera(
             found
         })
         .collect();
-    let mut receivers = Receivers { groups: vec![0], ..Receivers::default() };
-    for (p, n, pixel) in blocks.into_iter().filter(|b| !b.is_empty()).flat_map(|block| {
-        receivers.groups.push(receivers.groups.last().copied().unwrap_or(0) + block.len() as u32);
-        block
-    }) {
+    let mut receivers = Receivers {
+        groups: vec![0],
+        ..Receivers::default()
+    };
+    for (p, n, pixel) in blocks
+        .into_iter()
+        .filter(|b| !b.is_empty())
+        .flat_map(|block| {
+            receivers
+                .groups
+                .push(receivers.groups.last().copied().unwrap_or(0) + block.len() as u32);
+            block
+        })
+    {
         receivers.positions.push(p);
         receivers.normals.push(n);
         receivers.index.push(pixel);
@@ -192,8 +215,14 @@ pub fn from_camera(
 
 fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> Result<Surface> {
     let faces = &geometry.faces;
-    let tiles =
-        rasterize(&geometry.positions, faces, |_| true, camera, control, Nearest::new)?;
+    let tiles = rasterize(
+        &geometry.positions,
+        faces,
+        |_| true,
+        camera,
+        control,
+        Nearest::new,
+    )?;
     let mut depth = vec![f64::INFINITY; camera.pixels()];
     let mut hit = vec![Hit::Nothing; camera.pixels()];
     for (tile, nearest) in tiles {
@@ -217,8 +246,14 @@ fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> R
 /// Draws spheres over the triangles: each over the tiles that its bounds can cover.
 fn add_spheres(geometry: &Geometry, camera: &Camera, depth: &mut [f64], hit: &mut [Hit]) {
     let tiles = camera.width.div_ceil(TILE);
-    let boxes: Vec<_> = geometry.spheres.iter().map(|s| screen_rows(camera, s)).collect();
-    let rows = depth.par_chunks_mut(camera.width as usize).zip(hit.par_chunks_mut(camera.width as usize));
+    let boxes: Vec<_> = geometry
+        .spheres
+        .iter()
+        .map(|s| screen_rows(camera, s))
+        .collect();
+    let rows = depth
+        .par_chunks_mut(camera.width as usize)
+        .zip(hit.par_chunks_mut(camera.width as usize));
     rows.enumerate().for_each(|(y, (depth, hit))| {
         for tile in 0..tiles {
             let columns = tile * TILE..((tile + 1) * TILE).min(camera.width);
@@ -314,11 +349,19 @@ mod tests {
 
     #[test]
     fn a_sphere_is_hit_at_its_near_side_and_from_inside_at_its_far_side() {
-        let sphere = Sphere { center: DVec3::new(0.0, 0.0, 5.0), radius: 1.0, entry: 0, index: 0 };
+        let sphere = Sphere {
+            center: DVec3::new(0.0, 0.0, 5.0),
+            radius: 1.0,
+            entry: 0,
+            index: 0,
+        };
         let from = |z: f64| sphere_depth(&sphere, DVec3::new(0.0, 0.0, z), DVec3::Z);
         assert_eq!(from(0.0), Some(4.0));
         assert_eq!(from(5.0), Some(1.0));
         assert_eq!(from(7.0), None);
-        assert_eq!(sphere_depth(&sphere, DVec3::new(2.0, 0.0, 0.0), DVec3::Z), None);
+        assert_eq!(
+            sphere_depth(&sphere, DVec3::new(2.0, 0.0, 0.0), DVec3::Z),
+            None
+        );
     }
 }

@@ -22,7 +22,7 @@ use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 pub const POINT_OFFSET: f64 = 4.0 / (1 << 23) as f64;
 
 /// Side of the grid of cells over a light's outline.
-pub const GRID: usize = 16;
+pub const GRID: usize = 32;
 
 /// Below this cosine of its half-angle a sphere's cap is too wide for a grid in its tangent plane.
 const WIDEST_CAP: f64 = 0.17;
@@ -43,14 +43,24 @@ impl Pattern {
     pub fn new(n: usize, seed: u64) -> Self {
         let (sx, sy) = (hash(seed, 0x51) as u32, hash(seed, 0x52) as u32);
         let mut points: Vec<(u32, u32)> = (0..n as u32)
-            .map(|i| (owen_scramble(i.reverse_bits(), sx), owen_scramble(sobol_second(i), sy)))
+            .map(|i| {
+                (
+                    owen_scramble(i.reverse_bits(), sx),
+                    owen_scramble(sobol_second(i), sy),
+                )
+            })
             .collect();
         points.sort_unstable_by_key(|&(x, y)| (morton(x >> 16) | (morton(y >> 16) << 1), x, y));
         let rows = |pick: fn(&(u32, u32)) -> u32| {
             let row = |c: &[(u32, u32)]| std::array::from_fn(|i| c.get(i).map_or(0, pick));
             points.chunks(LANES).map(row).collect()
         };
-        Pattern { len: n, x: rows(|p| p.0), y: rows(|p| p.1), seed }
+        Pattern {
+            len: n,
+            x: rows(|p| p.0),
+            y: rows(|p| p.1),
+            seed,
+        }
     }
 
     /// Number of points.
@@ -65,7 +75,10 @@ impl Pattern {
 
     /// The digits that receiver `index` flips for its own pattern under light `light`.
     pub fn scramble(&self, light: u32, index: u32) -> [u32; 2] {
-        let h = hash(self.seed ^ (u64::from(light) << 32), u64::from(index) + 0x9e37_79b9);
+        let h = hash(
+            self.seed ^ (u64::from(light) << 32),
+            u64::from(index) + 0x9e37_79b9,
+        );
         [h as u32, (h >> 32) as u32]
     }
 }
@@ -97,7 +110,7 @@ pub struct LightSamples {
     /// Coordinates of each sample in [`View`]'s square, which here is [-1, 1]².
     coordinates: [Vec<Row>; 2],
     /// Grid cell of each sample, row-major; filled by [`LightSamples::find_cells`].
-    pub cells: Vec<[u8; LANES]>,
+    pub cells: Vec<[u16; LANES]>,
 }
 
 impl LightSamples {
@@ -129,7 +142,10 @@ impl LightSamples {
     pub fn find_cells(&mut self) {
         for (r, cells) in self.cells.iter_mut().enumerate() {
             for (lane, out) in cells.iter_mut().enumerate() {
-                *out = cell(self.coordinates[0][r].0[lane], self.coordinates[1][r].0[lane]);
+                *out = cell(
+                    self.coordinates[0][r].0[lane],
+                    self.coordinates[1][r].0[lane],
+                );
             }
         }
     }
@@ -168,16 +184,36 @@ impl Sampler {
                     let e1 = normal.any_orthonormal_vector();
                     let (u, v) = (e1 * radius, normal.cross(e1) * radius);
                     let area = std::f64::consts::PI * radius * radius;
-                    Flat { center, u, v, normal, area, disk: true }
+                    Flat {
+                        center,
+                        u,
+                        v,
+                        normal,
+                        area,
+                        disk: true,
+                    }
                 }
                 Shape::Rect { u, v, .. } => {
                     let area = u.cross(v).length();
-                    Flat { center, u: 0.5 * u, v: 0.5 * v, normal, area, disk: false }
+                    Flat {
+                        center,
+                        u: 0.5 * u,
+                        v: 0.5 * v,
+                        normal,
+                        area,
+                        disk: false,
+                    }
                 }
                 Shape::Sphere { .. } => unreachable!("a sphere has no normal"),
             }
         });
-        Sampler { light, pattern, number, fixed, flat }
+        Sampler {
+            light,
+            pattern,
+            number,
+            fixed,
+            flat,
+        }
     }
 
     /// The light, in local coordinates.
@@ -223,14 +259,22 @@ impl Sampler {
                 (cap.e1 * scale + 0.5 * w, cap.e2 * scale + 0.5 * w, w)
             }
         };
-        Some(View { u: u.as_vec3(), v: v.as_vec3(), w: w.as_vec3() })
+        Some(View {
+            u: u.as_vec3(),
+            v: v.as_vec3(),
+            w: w.as_vec3(),
+        })
     }
 
     /// Fills `out` with the samples of receiver `index` at local `p` with unit normal `n` (zero: no
     /// tangent plane, and cosines of 1 in the weights).
     pub fn fill(&self, index: u32, p: DVec3, n: DVec3, out: &mut LightSamples) {
         out.resize(self.len());
-        let scramble = if self.fixed { [0, 0] } else { self.pattern.scramble(self.number, index) };
+        let scramble = if self.fixed {
+            [0, 0]
+        } else {
+            self.pattern.scramble(self.number, index)
+        };
         match (&self.flat, Cap::new(&self.light, p)) {
             (Some(flat), _) => {
                 let (pattern, p, n) = (&self.pattern, p.as_vec3(), n.as_vec3());
@@ -250,7 +294,11 @@ impl Sampler {
                 // Inside a sphere: it emits outwards only.
                 out.valid.fill(0);
                 out.weights.fill(Row::default());
-                for (axis, c) in out.points.iter_mut().zip(self.light.center().as_vec3().to_array()) {
+                for (axis, c) in out
+                    .points
+                    .iter_mut()
+                    .zip(self.light.center().as_vec3().to_array())
+                {
                     axis.fill(Row([c; LANES]));
                 }
             }
@@ -350,7 +398,11 @@ unsafe fn fill_flat<S: Lanes>(
             let d = [l[0].sub(p[0]), l[1].sub(p[1]), l[2].sub(p[2])];
             let facing = zero.sub(dot(&m, &d));
             let squared = dot(&d, &d);
-            let above = if has_normal { dot(&n, &d) } else { squared.sqrt() };
+            let above = if has_normal {
+                dot(&n, &d)
+            } else {
+                squared.sqrt()
+            };
             // Light points are POINT_OFFSET off the light; the bound only guards a receiver in that gap.
             let fourth = squared.mul(squared).max(S::splat(1e-30));
             let weight = scale.mul(facing).mul(above).div(fourth);
@@ -394,7 +446,10 @@ unsafe fn fill_cap<S: Lanes>(
             let along = [axis[0].mul(cos), axis[1].mul(cos), axis[2].mul(cos)];
             let direction = combine(&along, &e1, &e2, x.mul(stretch), y.mul(stretch));
             let sin2 = fall.mul(two.sub(fall));
-            let reach = squared_radius.sub(squared_distance.mul(sin2)).max(zero).sqrt();
+            let reach = squared_radius
+                .sub(squared_distance.mul(sin2))
+                .max(zero)
+                .sqrt();
             let t = distance.mul(cos).sub(reach).sub(S::splat(offset));
             let l = [
                 p[0].add(direction[0].mul(t)),
@@ -426,7 +481,9 @@ struct Cap {
 
 impl Cap {
     fn new(light: &Light, p: DVec3) -> Option<Cap> {
-        let Shape::Sphere { center, radius } = light.shape else { return None };
+        let Shape::Sphere { center, radius } = light.shape else {
+            return None;
+        };
         let d = center - p;
         let distance = d.length();
         if distance <= radius || distance == 0.0 {
@@ -437,7 +494,16 @@ impl Cap {
         let sin = radius / distance;
         let cos = ((1.0 - sin) * (1.0 + sin)).sqrt();
         let height = sin * sin / (1.0 + cos);
-        Some(Cap { axis, e1, e2: axis.cross(e1), distance, radius, sin, cos, height })
+        Some(Cap {
+            axis,
+            e1,
+            e2: axis.cross(e1),
+            distance,
+            radius,
+            sin,
+            cos,
+            height,
+        })
     }
 }
 
@@ -449,9 +515,9 @@ fn centered(bits: u32) -> f32 {
 
 /// Grid cell of a point in [-1, 1]², row-major.
 #[inline(always)]
-fn cell(x: f32, y: f32) -> u8 {
+fn cell(x: f32, y: f32) -> u16 {
     let index = |t: f32| (((t + 1.0) * (0.5 * GRID as f32)) as i32).clamp(0, GRID as i32 - 1);
-    (index(y) * GRID as i32 + index(x)) as u8
+    (index(y) * GRID as i32 + index(x)) as u16
 }
 
 /// Shirley and Chiu's concentric map of [-1, 1]² onto the unit disk, equal in area.
@@ -464,9 +530,14 @@ fn concentric(x: f32, y: f32) -> (f32, f32) {
     let (r, s) = if wide { (x, y) } else { (y, x) };
     let t = std::f32::consts::FRAC_PI_4 * (s / r);
     let t2 = t * t;
-    let sin = t * (1.0 + t2 * (-1.0 / 6.0 + t2 * (1.0 / 120.0 + t2 * (-1.0 / 5040.0 + t2 / 362_880.0))));
+    let sin =
+        t * (1.0 + t2 * (-1.0 / 6.0 + t2 * (1.0 / 120.0 + t2 * (-1.0 / 5040.0 + t2 / 362_880.0))));
     let cos = 1.0 + t2 * (-0.5 + t2 * (1.0 / 24.0 + t2 * (-1.0 / 720.0 + t2 / 40320.0)));
-    if wide { (r * cos, r * sin) } else { (r * sin, r * cos) }
+    if wide {
+        (r * cos, r * sin)
+    } else {
+        (r * sin, r * cos)
+    }
 }
 
 /// Second dimension of the Sobol sequence, as a 32-bit fraction.
@@ -495,7 +566,9 @@ fn owen_scramble(fraction: u32, seed: u32) -> u32 {
 
 /// SplitMix64's mixing of two words.
 fn hash(a: u64, b: u64) -> u64 {
-    let mut z = a.wrapping_add(b.wrapping_mul(0x9e37_79b9_7f4a_7c15)).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut z = a
+        .wrapping_add(b.wrapping_mul(0x9e37_79b9_7f4a_7c15))
+        .wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
@@ -562,7 +635,13 @@ mod tests {
     fn weights_sum_to_the_unshadowed_irradiance_and_points_lie_on_the_light() {
         let c = DVec3::new(0.2, -0.3, 1.1);
         let lights = [
-            Light::rect(c, DVec3::new(0.0, 0.6, 0.1), DVec3::new(0.7, 0.0, 0.0), [1.0; 3]).unwrap(),
+            Light::rect(
+                c,
+                DVec3::new(0.0, 0.6, 0.1),
+                DVec3::new(0.7, 0.0, 0.0),
+                [1.0; 3],
+            )
+            .unwrap(),
             Light::disk(c, DVec3::new(0.1, 0.2, -1.0), 0.4, [1.0; 3]).unwrap(),
             Light::sphere(c, 0.4, [1.0; 3]).unwrap(),
         ];
@@ -577,21 +656,31 @@ mod tests {
                 // 4096 stratified samples of a smooth integrand (one with a cut horizon): measured
                 // 3e-5 and 4e-4 relative.
                 let tolerance = if n == DVec3::Z { 1e-4 } else { 2e-3 };
-                assert!((sum - exact).abs() < tolerance * exact, "{light:?}: {sum} {exact}");
+                assert!(
+                    (sum - exact).abs() < tolerance * exact,
+                    "{light:?}: {sum} {exact}"
+                );
                 let valid: u32 = out.valid.iter().map(|v| v.count_ones()).sum();
                 let h = light.fraction_above(p, n);
-                assert!((f64::from(valid) / 4096.0 - h).abs() < 2e-3, "{light:?} {h} {valid}");
+                assert!(
+                    (f64::from(valid) / 4096.0 - h).abs() < 2e-3,
+                    "{light:?} {h} {valid}"
+                );
             }
             let view = sampler.view(p).unwrap();
             out.find_cells();
             for i in 0..out.count {
                 let q = out.point(i) - p.as_vec3();
                 let (u, v) = (view.u.dot(q) / view.w.dot(q), view.v.dot(q) / view.w.dot(q));
-                let (cx, cy) = ((u * 16.0).floor(), (v * 16.0).floor());
-                let expected = (cy * 16.0 + cx) as i32;
+                let side = GRID as f32;
+                let (cx, cy) = ((u * side).floor(), (v * side).floor());
+                let expected = (cy * side + cx) as i32;
                 let got = i32::from(out.cells[i / LANES][i % LANES]);
-                let near = |t: f32| (t * 16.0 - (t * 16.0).round()).abs() < 1e-4;
-                assert!(expected == got || near(u) || near(v), "{light:?} {i}: {u} {v}");
+                let near = |t: f32| (t * side - (t * side).round()).abs() < 1e-4;
+                assert!(
+                    expected == got || near(u) || near(v),
+                    "{light:?} {i}: {u} {v}"
+                );
                 assert!((0.0..=1.0001).contains(&view.w.dot(q)));
             }
         }

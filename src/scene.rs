@@ -93,8 +93,11 @@ impl Scene {
         let what = format!("spheres {name:?}");
         self.check_new(name, &what, material)?;
         if centers.is_empty() || centers.len() != radii.len() {
-            let reason =
-                format!("expected one radius a center, got {} and {}", radii.len(), centers.len());
+            let reason = format!(
+                "expected one radius a center, got {} and {}",
+                radii.len(),
+                centers.len()
+            );
             return Err(Error::scene(what, reason));
         }
         check_finite(&what, "center", centers)?;
@@ -121,7 +124,10 @@ impl Scene {
         // Compared with the product of the columns' lengths, so that no unit enters.
         let size: f64 = (0..3).map(|i| matrix.matrix3.col(i).length()).product();
         if determinant.abs() <= 1e-12 * size || size == 0.0 {
-            return Err(Error::scene(what, format!("singular, determinant {determinant}")));
+            return Err(Error::scene(
+                what,
+                format!("singular, determinant {determinant}"),
+            ));
         }
         *transform = matrix;
         self.moved();
@@ -159,14 +165,21 @@ impl Scene {
     }
 
     fn push(&mut self, name: &str, shape: Shape, material: Material) {
-        self.entries.push(Entry { name: name.into(), shape, material });
+        self.entries.push(Entry {
+            name: name.into(),
+            shape,
+            material,
+        });
         self.current = None;
         self.previous = None;
     }
 
     fn check_new(&self, name: &str, what: &str, material: Material) -> Result<()> {
         if self.entries.iter().any(|e| e.name == name) {
-            return Err(Error::scene(what, "the scene has another entry of that name"));
+            return Err(Error::scene(
+                what,
+                "the scene has another entry of that name",
+            ));
         }
         if !(0.0..=1.0).contains(&material.opacity) {
             let reason = format!("opacity must be between 0 and 1, got {}", material.opacity);
@@ -179,9 +192,10 @@ impl Scene {
         let found = self.entries.iter_mut().find(|e| e.name == name);
         match found.map(|e| &mut e.shape) {
             Some(Shape::Mesh(mesh, transform)) => Ok((mesh, transform)),
-            Some(Shape::Spheres(_)) => {
-                Err(Error::scene(format!("spheres {name:?}"), "expected the name of a mesh"))
-            }
+            Some(Shape::Spheres(_)) => Err(Error::scene(
+                format!("spheres {name:?}"),
+                "expected the name of a mesh",
+            )),
             None => Err(Error::scene("scene", format!("no mesh named {name:?}"))),
         }
     }

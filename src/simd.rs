@@ -168,11 +168,23 @@ impl Lanes for Row {
     }
     #[inline(always)]
     unsafe fn min(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| if self.0[i] < o.0[i] { self.0[i] } else { o.0[i] }))
+        Row(std::array::from_fn(|i| {
+            if self.0[i] < o.0[i] {
+                self.0[i]
+            } else {
+                o.0[i]
+            }
+        }))
     }
     #[inline(always)]
     unsafe fn max(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| if self.0[i] > o.0[i] { self.0[i] } else { o.0[i] }))
+        Row(std::array::from_fn(|i| {
+            if self.0[i] > o.0[i] {
+                self.0[i]
+            } else {
+                o.0[i]
+            }
+        }))
     }
     #[inline(always)]
     unsafe fn lt(self, o: Self) -> u16 {
@@ -283,7 +295,10 @@ mod x86 {
         unsafe fn load(row: &Row) -> Self {
             // SAFETY: the caller enabled AVX2; a row is aligned to 64 bytes and has 16 values.
             unsafe {
-                Avx2(_mm256_load_ps(row.0.as_ptr()), _mm256_load_ps(row.0.as_ptr().add(8)))
+                Avx2(
+                    _mm256_load_ps(row.0.as_ptr()),
+                    _mm256_load_ps(row.0.as_ptr().add(8)),
+                )
             }
         }
         #[inline(always)]

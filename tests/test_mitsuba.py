@@ -158,8 +158,8 @@ def test_z_test_accepts_its_own_mean_and_rejects_a_bias():
     samples = generator.normal(1.0, 0.1, (32, 64, 64, 1)).repeat(3, axis=-1)
     mean, variance = samples.mean(axis=0), samples.var(axis=0, ddof=1) / 32
     mask = np.ones((64, 64), dtype=bool)
-    noisy = ss.mitsuba.MitsubaImage(mean, variance, mask, 32, 32, 0.0)
     truth = np.ones((64, 64, 3))
+    noisy = ss.mitsuba.MitsubaImage(mean, variance, mask, truth.astype(np.float32), 32, 32, 0.0)
     test = ss.mitsuba.z_test(truth, noisy)
     assert test.passed
     assert abs(test.mean_z) < 3
@@ -206,33 +206,50 @@ def test_several_lights_are_summed():
     assert ss.mitsuba.z_test(closed, theirs).passed
 
 
-def agreement(setup: scenes.Setup, samples: int, transparent: bool = False) -> None:
+LARGEST = 0.04
+"""Largest deviation of an unmasked pixel, over the largest unshadowed radiance of the picture, our
+receivers where they are. Measured: 0.019 (bunny), 0.029 (Munich), 0.022 (solids), 0.016 (opacity).
+It is Mitsuba's noise: at 1024 samples the standard error of a half-lit pixel is 0.016 of its
+unshadowed radiance, and the largest of 8000 is four of them, on receivers that get half of the
+largest. With 4096 samples (benches/mitsuba_agreement.py) it halves."""
+
+CONTACT = 0.05
+"""Share of pixels in contact. Measured: 0.033 (Munich, whose houses are 100 ray offsets high),
+0.008 and less elsewhere."""
+
+EDGE = 0.005
+"""Share of pixels that see another face. Measured: at most one pixel."""
+
+
+def agreement(setup: scenes.Setup, samples: int) -> None:
     """Assert that no pixel fails the z-test, and nor does the mean of all.
 
-    Masked are contact pixels (see `softshadow.mitsuba.contact_pixels`) and, with opacities, pixels
+    Our receivers are compared as Mitsuba sees them, lifted by its ray offset. Masked are contact
+    pixels, where that makes a difference of more than 2 % (see `softshadow.mitsuba.RayOffset`),
+    pixels on an edge of which single precision sees the other face, and, with opacities, pixels
     whose first surface lets Mitsuba's camera see what is behind.
     """
     image, radiance, variance = ours(setup, samples=256)
     theirs = ss.mitsuba.render(setup.scene, setup.camera, setup.light, samples)
     full = ss.mitsuba.unshadowed(setup.scene, setup.camera, setup.light)
-    mask = image.mask & ~ss.mitsuba.contact_pixels(setup.scene, image, setup.light)
-    masked = np.count_nonzero(image.mask & ~mask)
-    if transparent:
-        opaque = [i for i, entry in enumerate(setup.scene.entries) if entry.opacity == 1]
-        mask &= np.isin(image.mesh_id, opaque)
-    else:
-        assert np.array_equal(image.mask, theirs.mask)
-    test = ss.mitsuba.z_test(radiance, theirs, variance, mask, unshadowed=full)
-    figures = f"{test}, {masked} in contact, {test.largest / full.max():.4f} of the maximum"
+    offset = ss.mitsuba.ray_offset(setup.scene, image, setup.light)
+    edge = (image.mask != theirs.mask) | (np.abs(image.normal - theirs.normal).max(axis=-1) > 1e-3)
+    opaque = [i for i, entry in enumerate(setup.scene.entries) if entry.opacity == 1]
+    mask = image.mask & np.isin(image.mesh_id, opaque) & ~offset.contact & ~edge
+    lifted = offset.lift(radiance, full)
+    test = ss.mitsuba.z_test(lifted, theirs, variance, mask, unshadowed=full)
+    raw = np.abs(radiance - theirs.radiance)[mask].max() / full.max()
+    figures = (
+        f"{test.failures} of {test.pixels} pixels fail, largest z {np.abs(test.z).max():.2f}, "
+        f"mean z {test.mean_z:.2f}, largest deviation {raw:.4f} of the maximum, "
+        f"{np.count_nonzero(offset.contact)} in contact, {np.count_nonzero(edge)} on edges"
+    )
+    print(figures)
     assert test.passed, figures
     assert abs(test.mean_z) < 4, figures
-    assert masked < CONTACT * image.mask.sum(), figures
-    assert test.largest < LARGEST * full.max() * np.sqrt(1024 / samples), figures
-    print(figures)
-
-
-LARGEST = 0.09
-CONTACT = 0.02
+    assert np.count_nonzero(offset.contact) < CONTACT * image.mask.sum(), figures
+    assert np.count_nonzero(edge) < EDGE * image.mask.sum(), figures
+    assert raw < LARGEST, figures
 
 
 @pytest.mark.parametrize("light", ["rect", "disk", "sphere"])
@@ -243,4 +260,4 @@ def test_radiance_agrees_with_mitsuba(model, light):
 
 @pytest.mark.parametrize("light", ["rect", "sphere"])
 def test_transparent_shadows_agree_with_volpath(light):
-    agreement(build("solids", 40, light, opacity=0.5, detail=3), 512, transparent=True)
+    agreement(build("solids", 40, light, opacity=0.5, detail=3), samples=512)

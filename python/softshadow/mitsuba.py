@@ -43,8 +43,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MitsubaImage",
+    "RayOffset",
     "ZTest",
-    "contact_pixels",
+    "ray_offset",
     "render",
     "scene_dict",
     "sidak",
@@ -56,14 +57,13 @@ _BATCHES = 32
 """Independent estimates that a variance is taken from: enough for Student's t with 31 degrees of
 freedom to be near normal, few enough for the per-ray overhead of the scalar variants."""
 
-_RAY_EPSILON = 8.9e-5
-"""How far off the surface Mitsuba starts its rays, over ``1 + max|p|``: 1500 single-precision ulps
-(``math::RayEpsilon``)."""
+_RAY_EPSILON = 1500 * 2.0**-24
+"""How far off the surface Mitsuba starts its rays, over ``1 + max|p|`` (``math::RayEpsilon`` in
+single precision)."""
 
-_CONTACT_CHANGE = 0.02
-"""Change of visibility by lifting a receiver that far, from which on a pixel counts as in contact.
-In a penumbra, a lift of 1e-4 changes it by less than 0.001; the rest is for the jumps of a pattern
-of 256 light points."""
+_CONTACT = 0.02
+"""Share of the unshadowed radiance by which lifting the receiver that far may change a pixel before
+it counts as in contact: beyond, the change is a jump over an occluder rather than a slope."""
 
 _LAUNCH = 1 << 20
 """Rays in one launch of a vectorised variant, at least an image of them: its overhead of some
@@ -87,6 +87,9 @@ class MitsubaImage:
         Estimated variance of that mean (not of a single sample), from `batches` independent means.
     mask : ndarray, shape (H, W), bool
         Whether a surface was hit.
+    normal : ndarray, shape (H, W, 3), float32
+        Geometric unit normals at the pixels' centres, turned to the camera; 0 where nothing was
+        hit. On edges, single precision may see the other face.
     samples : int
         Light samples per pixel.
     batches : int
@@ -99,9 +102,40 @@ class MitsubaImage:
     radiance: npt.NDArray[np.float64]
     variance: npt.NDArray[np.float64]
     mask: npt.NDArray[np.bool_]
+    normal: npt.NDArray[np.float32]
     samples: int
     batches: int
     seconds: float
+
+
+@dataclass(frozen=True)
+class RayOffset:
+    """What `ray_offset` returns.
+
+    Attributes
+    ----------
+    change : ndarray, shape (H, W), float64
+        Radiance that a pixel gains if its receiver is lifted along its normal by Mitsuba's ray
+        offset, over its unshadowed radiance; 0 where nothing was hit.
+    contact : ndarray, shape (H, W), bool
+        Pixels where lifting by the offset, or twice the offset (single precision adds some),
+        changes more than 0.02: below feet, in the seams between walls and ground, on double walls.
+        Leave them out.
+    """
+
+    change: npt.NDArray[np.float64]
+    contact: npt.NDArray[np.bool_]
+
+    def lift(self, radiance: npt.ArrayLike, unshadowed: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return an image's radiance, shape (H, W, 3), with its receivers lifted.
+
+        Parameters
+        ----------
+        radiance, unshadowed : array_like, shape (H, W, 3)
+            With and without occluders (see `unshadowed`).
+        """
+        change = self.change[..., None] * np.asarray(unshadowed, dtype=np.float64)
+        return np.maximum(np.asarray(radiance, dtype=np.float64) + change, 0)
 
 
 @dataclass(frozen=True)
@@ -389,6 +423,7 @@ def render(
     shape = (camera.height, camera.width)
     radiance, variance = np.zeros((2, *shape, 3))
     mask = np.zeros(shape, dtype=bool)
+    normal = np.zeros((*shape, 3), dtype=np.float32)
     batches = samples
     seconds = 0.0
     with _variant(variant) as mi:
@@ -414,7 +449,9 @@ def render(
             radiance += mean
             variance += of_mean
             mask |= hit
-    return MitsubaImage(radiance, variance, mask, samples, batches, seconds)
+            if number == 0:
+                normal = _centre_normals(mi, loaded, camera)
+    return MitsubaImage(radiance, variance, mask, normal, samples, batches, seconds)
 
 
 def _divisor(samples: int, wanted: int) -> int:
@@ -496,6 +533,22 @@ def _centre_rays_wavefront(
     return moments.mean, moments.variance_of_mean(), mask
 
 
+def _centre_normals(mi: ModuleType, scene: Any, camera: Camera) -> npt.NDArray[np.float32]:
+    shape = (camera.height, camera.width, 3)
+    directions = camera.rays().reshape(-1, 3).astype(np.float32)
+    if mi.variant().startswith("scalar"):
+        eye = camera.eye.tolist()
+        hits = (scene.ray_intersect(mi.Ray3f(eye, d)) for d in directions.tolist())
+        normals = np.array([hit.n if hit.is_valid() else (0, 0, 0) for hit in hits])
+    else:
+        origin = mi.Point3f(*camera.eye.tolist())
+        hit = scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(directions.T)))
+        normals = np.where(np.array(hit.is_valid())[:, None], np.array(hit.n).T, 0)
+    away = (normals * directions).sum(axis=-1, keepdims=True) > 0
+    turned: npt.NDArray[np.float32] = np.where(away, -normals, normals).astype(np.float32)
+    return turned.reshape(shape)
+
+
 def _render_film(mi: ModuleType, scene: Any, batches: int, seed: int, per_batch: int) -> _Estimate:
     height, width = (int(n) for n in reversed(scene.sensors()[0].film().size()))
     moments = _Moments((height, width, 3))
@@ -507,13 +560,12 @@ def _render_film(mi: ModuleType, scene: Any, batches: int, seed: int, per_batch:
     return moments.mean, moments.variance_of_mean(), mask
 
 
-def contact_pixels(scene: Scene, image: Image, light: Light) -> npt.NDArray[np.bool_]:
-    """Return the pixels that Mitsuba lights from another place, because something is too near.
+def ray_offset(scene: Scene, image: Image, light: Light, samples: int = 1024) -> RayOffset:
+    """Return what Mitsuba's ray offset does to every pixel, found with our own rays.
 
-    Its shadow rays start ``8.9e-5 · (1 + max|p|)`` off the surface, so nearer occluders are not
-    seen. A pixel is in contact if its visibility changes by more than 0.02 when the receiver is
-    lifted along its normal by that much, or by twice as much (single precision adds some): below
-    feet, in the seams between walls and ground, on double walls.
+    Its shadow rays start ``8.9e-5 · (1 + max|p|)`` off the surface: nearer occluders are not seen,
+    and the edges of all shadows are where they would be on a receiver that lies higher by as much.
+    In a city of two units, where a house is 0.02 units high, that is seen in the mean of a picture.
 
     Parameters
     ----------
@@ -521,22 +573,33 @@ def contact_pixels(scene: Scene, image: Image, light: Light) -> npt.NDArray[np.b
     image : Image
         Of that scene; gives the receivers.
     light : RectLight, DiskLight or SphereLight
+    samples : int
+        Light samples per receiver and position.
 
     Returns
     -------
-    ndarray, shape (H, W), bool
+    RayOffset
     """
     points, normals = image.position[image.mask], image.normal[image.mask]
     lift = _RAY_EPSILON * (1 + np.abs(points).max(axis=-1, keepdims=True)) * normals
-    prepared = prepare(scene, light, RayTraced(samples=256, pattern="fixed"))
-    low, at, high = (prepared.visibility(points + k * lift, normals) for k in (0, 1, 2))
-    result = np.zeros_like(image.mask)
-    result[image.mask] = np.maximum(abs(at - low), abs(high - low)) > _CONTACT_CHANGE
+    prepared = prepare(scene, light, RayTraced(samples=samples))
+    seen = [prepared.visibility(points + k * lift, normals).astype(np.float64) for k in (0, 1, 2)]
+    above = prepare(_without_occluders(scene), light, "hard").visibility(points, normals)
+    change, twice = (
+        np.divide(s - seen[0], above, out=np.zeros_like(s), where=above > 0) for s in seen[1:]
+    )
+    result = RayOffset(np.zeros(image.mask.shape), np.zeros(image.mask.shape, dtype=bool))
+    result.change[image.mask] = change
+    result.contact[image.mask] = np.maximum(abs(change), abs(twice)) > _CONTACT
     return result
 
 
 def unshadowed(scene: Scene, camera: Camera, light: LightLike) -> npt.NDArray[np.float64]:
     """Return the radiance without occluders, in closed form, shape (H, W, 3), linear RGB."""
+    return _render(_without_occluders(scene), camera, light, "hard").radiance.astype(np.float64)
+
+
+def _without_occluders(scene: Scene) -> Scene:
     bare = Scene()
     for entry in scene.entries:
         if isinstance(entry, Mesh):
@@ -544,7 +607,7 @@ def unshadowed(scene: Scene, camera: Camera, light: LightLike) -> npt.NDArray[np
             bare.set_transform(name, entry.transform)
         else:
             bare.add_spheres(entry.centers, entry.radii, entry.name, entry.albedo, casts=False)
-    return _render(bare, camera, light, "hard").radiance.astype(np.float64)
+    return bare
 
 
 def sidak(alpha: float, tests: int) -> float:

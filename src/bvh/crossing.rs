@@ -50,7 +50,11 @@ pub fn through_spheres(bvh: &SphereBvh, from: Vec3, to: Vec3, stack: &mut Stack)
         } else {
             // Both ends outside: through, if the nearest point lies between them and inside.
             let t = -q.dot(d) / d.length_squared();
-            if t > 0.0 && t < 1.0 && power(q + d * t) < 0.0 { 2 } else { 0 }
+            if t > 0.0 && t < 1.0 && power(q + d * t) < 0.0 {
+                2
+            } else {
+                0
+            }
         };
         product *= f64::from(bvh.transmittance[i]).powi(crossings);
         product > 0.0
@@ -59,7 +63,13 @@ pub fn through_spheres(bvh: &SphereBvh, from: Vec3, to: Vec3, stack: &mut Stack)
 }
 
 /// Calls `test` with every primitive whose box the segment may enter, until it returns false.
-fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl FnMut(usize) -> bool) {
+fn visit(
+    tree: &Tree,
+    from: Vec3,
+    to: Vec3,
+    stack: &mut Stack,
+    mut test: impl FnMut(usize) -> bool,
+) {
     if tree.nodes.is_empty() {
         return;
     }
@@ -111,7 +121,11 @@ impl Shear {
         };
         let axes = [(axis + 1) % 3, (axis + 2) % 3, axis];
         let slope = DVec2::new(d[axes[0]], d[axes[1]]) / d[axis];
-        Shear { origin: from.as_dvec3(), axes, slope }
+        Shear {
+            origin: from.as_dvec3(),
+            axes,
+            slope,
+        }
     }
 
     fn point(&self, v: Vec3) -> DVec2 {
@@ -165,7 +179,9 @@ mod tests {
             let angle = k as f32 * std::f32::consts::FRAC_PI_3;
             Vec3::new(angle.cos(), angle.sin(), 0.25 * angle.sin())
         };
-        let fan: Vec<[Vec3; 3]> = (0..6).map(|k| [Vec3::ZERO, spoke(k), spoke((k + 1) % 6)]).collect();
+        let fan: Vec<[Vec3; 3]> = (0..6)
+            .map(|k| [Vec3::ZERO, spoke(k), spoke((k + 1) % 6)])
+            .collect();
         let mut targets = vec![Vec3::ZERO];
         for k in 0..6 {
             targets.push(spoke(k) * 0.5);

@@ -44,7 +44,12 @@ impl TriangleBvh {
         let tree = Tree::new(&bounds);
         let faces: Vec<u32> = tree.order.iter().map(|&i| faces[i as usize]).collect();
         let corners = faces.par_iter().map(|&f| geometry.corners(f)).collect();
-        TriangleBvh { tree, corners, faces, outline: OnceLock::new() }
+        TriangleBvh {
+            tree,
+            corners,
+            faces,
+            outline: OnceLock::new(),
+        }
     }
 
     /// The same topology over moved triangles, or a new one where the old has become a bad fit.
@@ -52,9 +57,18 @@ impl TriangleBvh {
         let bounds = face_bounds(geometry, &self.faces);
         match self.tree.refitted(&bounds) {
             Some(tree) => {
-                let corners = self.faces.par_iter().map(|&f| geometry.corners(f)).collect();
+                let corners = self
+                    .faces
+                    .par_iter()
+                    .map(|&f| geometry.corners(f))
+                    .collect();
                 let (faces, outline) = (self.faces.clone(), OnceLock::new());
-                TriangleBvh { tree, corners, faces, outline }
+                TriangleBvh {
+                    tree,
+                    corners,
+                    faces,
+                    outline,
+                }
             }
             None => TriangleBvh::new(geometry, &self.faces),
         }
@@ -173,7 +187,9 @@ impl Occluders {
         let spheres = self.spheres.as_ref();
         self.opaque.bytes()
             + transparent.map_or(0, |(bvh, through)| bvh.bytes() + 4 * through.len())
-            + spheres.map_or(0, |s| s.tree.bytes() + s.spheres.len() * (size_of::<Sphere>() + 4))
+            + spheres.map_or(0, |s| {
+                s.tree.bytes() + s.spheres.len() * (size_of::<Sphere>() + 4)
+            })
     }
 }
 
@@ -202,6 +218,13 @@ fn sphere_bvh(geometry: &Geometry) -> Option<SphereBvh> {
         .collect();
     let tree = Tree::new(&bounds);
     let spheres: Vec<Sphere> = tree.order.iter().map(|&i| spheres[i as usize]).collect();
-    let transmittance = spheres.iter().map(|s| 1.0 - geometry.material(s.entry).opacity).collect();
-    Some(SphereBvh { tree, spheres, transmittance })
+    let transmittance = spheres
+        .iter()
+        .map(|s| 1.0 - geometry.material(s.entry).opacity)
+        .collect();
+    Some(SphereBvh {
+        tree,
+        spheres,
+        transmittance,
+    })
 }

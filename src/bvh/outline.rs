@@ -48,14 +48,24 @@ struct Cone {
 }
 
 impl Cone {
-    const ALL: Cone = Cone { axis: Vec3::Z, cos: -2.0 };
+    const ALL: Cone = Cone {
+        axis: Vec3::Z,
+        cos: -2.0,
+    };
 
     fn union(self, other: Cone) -> Cone {
         if self.cos < -1.0 || other.cos < -1.0 {
             return Cone::ALL;
         }
-        let (a, b) = (self.cos.clamp(-1.0, 1.0).acos(), other.cos.clamp(-1.0, 1.0).acos());
-        let between = self.axis.cross(other.axis).length().atan2(self.axis.dot(other.axis));
+        let (a, b) = (
+            self.cos.clamp(-1.0, 1.0).acos(),
+            other.cos.clamp(-1.0, 1.0).acos(),
+        );
+        let between = self
+            .axis
+            .cross(other.axis)
+            .length()
+            .atan2(self.axis.dot(other.axis));
         if between + b <= a {
             return self;
         }
@@ -69,7 +79,10 @@ impl Cone {
             Some(k) if half < std::f32::consts::FRAC_PI_2 => {
                 let angle = half - a;
                 let axis = self.axis * angle.cos() + k.cross(self.axis) * angle.sin();
-                Cone { axis: axis.normalize(), cos: half.cos() }
+                Cone {
+                    axis: axis.normalize(),
+                    cos: half.cos(),
+                }
             }
             _ => Cone::ALL,
         }
@@ -94,7 +107,11 @@ impl Outline {
         for (k, &f) in bvh.faces.iter().enumerate() {
             place[f as usize] = k as u32;
         }
-        let normals: Vec<Vec3> = bvh.faces.par_iter().map(|&f| normal(geometry.corners(f))).collect();
+        let normals: Vec<Vec3> = bvh
+            .faces
+            .par_iter()
+            .map(|&f| normal(geometry.corners(f)))
+            .collect();
         // Edges of every mesh that casts, each at the first of its triangles in leaf order.
         let mut owned: Vec<(u32, Edge)> = Vec::new();
         for mesh in &geometry.meshes {
@@ -109,8 +126,18 @@ impl Outline {
                 let proper = at.len() == 2
                     && at[0].forward != at[1].forward
                     && (0..2).all(|i| normals[leaf(i) as usize] != Vec3::ZERO);
-                let triangles = if proper { [leaf(0), leaf(1)] } else { [ALWAYS; 2] };
-                (owner, Edge { ends: ends.map(|v| v + mesh.first_vertex), triangles })
+                let triangles = if proper {
+                    [leaf(0), leaf(1)]
+                } else {
+                    [ALWAYS; 2]
+                };
+                (
+                    owner,
+                    Edge {
+                        ends: ends.map(|v| v + mesh.first_vertex),
+                        triangles,
+                    },
+                )
             });
             owned.par_extend(found);
         }
@@ -123,7 +150,12 @@ impl Outline {
             first[k + 1] += first[k];
         }
         let edges: Vec<Edge> = owned.into_par_iter().map(|(_, edge)| edge).collect();
-        let mut outline = Outline { edges, normals, first, cones: Vec::new() };
+        let mut outline = Outline {
+            edges,
+            normals,
+            first,
+            cones: Vec::new(),
+        };
         outline.cones = outline.node_cones(&bvh.tree.nodes);
         outline
     }
@@ -162,13 +194,22 @@ impl Outline {
         if one == ALWAYS {
             return Cone::ALL;
         }
-        let cone = |t: u32| Cone { axis: self.normals[t as usize], cos: 1.0 };
+        let cone = |t: u32| Cone {
+            axis: self.normals[t as usize],
+            cos: 1.0,
+        };
         cone(one).union(cone(two))
     }
 
     fn planes(&self, geometry: &Geometry, edge: usize) -> EdgePlanes {
         let Edge { ends, triangles } = self.edges[edge];
-        let normal = |t: u32| if t == ALWAYS { Vec3::ZERO } else { self.normals[t as usize] };
+        let normal = |t: u32| {
+            if t == ALWAYS {
+                Vec3::ZERO
+            } else {
+                self.normals[t as usize]
+            }
+        };
         EdgePlanes {
             ends: ends.map(|v| geometry.positions[v as usize]),
             normals: triangles.map(normal),
@@ -192,7 +233,9 @@ impl Outline {
         }
         while let Some(i) = stack.pop() {
             let node = &nodes[i as usize];
-            let Some(cone) = self.cones[i as usize] else { continue };
+            let Some(cone) = self.cones[i as usize] else {
+                continue;
+            };
             if !shaft.meets(node) || shaft.sees_one_side(node, cone) {
                 continue;
             }
@@ -259,8 +302,15 @@ impl Shaft {
                 // The same corner of both boxes, and a normal that points to that corner's side.
                 let [r, l] = [0, 1].map(|k| (corners[si][k][i], corners[sj][k][j]));
                 let (di, dj) = (l.0 - r.0, l.1 - r.1);
-                let out = (if si == 1 { 1.0 } else { -1.0 }, if sj == 1 { 1.0 } else { -1.0 });
-                let turned = if dj * out.0 > 0.0 { (dj, -di) } else { (-dj, di) };
+                let out = (
+                    if si == 1 { 1.0 } else { -1.0 },
+                    if sj == 1 { 1.0 } else { -1.0 },
+                );
+                let turned = if dj * out.0 > 0.0 {
+                    (dj, -di)
+                } else {
+                    (-dj, di)
+                };
                 if turned.0 * out.0 <= 0.0 || turned.1 * out.1 <= 0.0 {
                     continue;
                 }
@@ -337,7 +387,8 @@ impl Shaft {
 pub fn touches_light(bvh: &TriangleBvh, light: &Light, stack: &mut Vec<u32>) -> bool {
     let (low, high) = light.bounds();
     // Light points are moved off the light by four ulps; sixteen cover that and the rounding here.
-    let slack = 4.0 * crate::sampling::POINT_OFFSET * low.abs().max(high.abs()).max_element().max(1.0);
+    let slack =
+        4.0 * crate::sampling::POINT_OFFSET * low.abs().max(high.abs()).max_element().max(1.0);
     let (low, high) = ((low - slack).as_vec3(), (high + slack).as_vec3());
     let overlaps = |min: Vec3, max: Vec3| !(min.cmpgt(high).any() || max.cmplt(low).any());
     stack.clear();
@@ -377,7 +428,12 @@ mod tests {
     use super::*;
 
     fn node(min: Vec3, max: Vec3) -> Node {
-        Node { min: min.to_array(), max: max.to_array(), first: 0, count: 1 }
+        Node {
+            min: min.to_array(),
+            max: max.to_array(),
+            first: 0,
+            count: 1,
+        }
     }
 
     #[test]
@@ -389,28 +445,46 @@ mod tests {
             let t = step as f32 / 10.0;
             for corner in 0..8 {
                 let pick = |b: (Vec3, Vec3)| {
-                    Vec3::from_array(std::array::from_fn(|k| if corner >> k & 1 == 1 { b.1[k] } else { b.0[k] }))
+                    Vec3::from_array(std::array::from_fn(|k| {
+                        if corner >> k & 1 == 1 { b.1[k] } else { b.0[k] }
+                    }))
                 };
                 let p = pick(receivers).lerp(pick(light), t);
                 assert!(shaft.meets(&node(p, p)), "{p}");
             }
         }
         // In the box of both, but beside the shaft.
-        for p in [Vec3::new(0.8, 0.1, 0.2), Vec3::new(0.05, 0.1, 1.9), Vec3::new(0.85, 0.18, 1.0)] {
+        for p in [
+            Vec3::new(0.8, 0.1, 0.2),
+            Vec3::new(0.05, 0.1, 1.9),
+            Vec3::new(0.85, 0.18, 1.0),
+        ] {
             assert!(!shaft.meets(&node(p, p)), "{p}");
         }
     }
 
     #[test]
     fn a_cone_of_a_union_holds_both() {
-        let a = Cone { axis: Vec3::Z, cos: 0.99 };
-        let b = Cone { axis: Vec3::new(0.5, 0.2, 1.0).normalize(), cos: 0.97 };
+        let a = Cone {
+            axis: Vec3::Z,
+            cos: 0.99,
+        };
+        let b = Cone {
+            axis: Vec3::new(0.5, 0.2, 1.0).normalize(),
+            cos: 0.97,
+        };
         let both = a.union(b);
         for cone in [a, b] {
             let half = cone.cos.acos() + cone.axis.dot(both.axis).min(1.0).acos();
             assert!(half <= both.cos.acos() + 1e-6);
         }
-        assert!(a.union(Cone { axis: -Vec3::Z, cos: 1.0 }).cos < -1.0);
+        assert!(
+            a.union(Cone {
+                axis: -Vec3::Z,
+                cos: 1.0
+            })
+            .cos < -1.0
+        );
         assert!(a.union(Cone::ALL).cos < -1.0);
     }
 }

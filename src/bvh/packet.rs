@@ -245,8 +245,12 @@ unsafe fn shear<S: Lanes>(rays: &Rays<S>, v: &Vec3) -> (S, S, S) {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let z = S::splat(v[kz]).sub(rays.origin[2]);
-        let x = S::splat(v[kx]).sub(rays.origin[0]).sub(rays.shear[0].mul(z));
-        let y = S::splat(v[ky]).sub(rays.origin[1]).sub(rays.shear[1].mul(z));
+        let x = S::splat(v[kx])
+            .sub(rays.origin[0])
+            .sub(rays.shear[0].mul(z));
+        let y = S::splat(v[ky])
+            .sub(rays.origin[1])
+            .sub(rays.shear[1].mul(z));
         (x, y, z)
     }
 }
@@ -307,7 +311,11 @@ unsafe fn triangle<S: Lanes>(
         let hit = inside & (error.lt(low) | high.lt(negative));
         let miss = low.lt(negative) & error.lt(high);
         let unsure = inside & !hit & !miss;
-        if unsure == 0 { hit } else { hit | settle(corners, packet, t, rest, error, unsure) }
+        if unsure == 0 {
+            hit
+        } else {
+            hit | settle(corners, packet, t, rest, error, unsure)
+        }
     }
 }
 
@@ -360,6 +368,15 @@ unsafe fn settle<S: Lanes>(
 
 /// Exact side of `p`: positive under the triangle (which runs counter-clockwise seen from above).
 pub(super) fn plane_side(corners: &[Vec3; 3], p: Vec3) -> f64 {
-    let coord = |v: Vec3| Coord3D { x: f64::from(v.x), y: f64::from(v.y), z: f64::from(v.z) };
-    orient3d(coord(corners[0]), coord(corners[1]), coord(corners[2]), coord(p))
+    let coord = |v: Vec3| Coord3D {
+        x: f64::from(v.x),
+        y: f64::from(v.y),
+        z: f64::from(v.z),
+    };
+    orient3d(
+        coord(corners[0]),
+        coord(corners[1]),
+        coord(corners[2]),
+        coord(p),
+    )
 }

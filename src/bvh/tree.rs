@@ -67,7 +67,10 @@ impl Tree {
         // The preset between obvhs' quick and thorough ones: on scanned meshes a quarter of the
         // thorough one's time, for traversals a few per cent slower.
         let mut elapsed = std::time::Duration::ZERO;
-        let params = BvhBuildParams { max_prims_per_leaf: 4, ..BvhBuildParams::fast_build() };
+        let params = BvhBuildParams {
+            max_prims_per_leaf: 4,
+            ..BvhBuildParams::fast_build()
+        };
         let built = build_bvh2(&boxes, params, &mut elapsed);
         let mut tree = Tree {
             nodes: Vec::with_capacity(built.nodes.len()),
@@ -87,11 +90,23 @@ impl Tree {
             let (min, max) = (node.aabb.min.to_array(), node.aabb.max.to_array());
             if node.is_leaf() {
                 let first = tree.order.len() as u32;
-                let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-                tree.order.extend_from_slice(&built.primitive_indices[range]);
-                tree.nodes.push(Node { min, first, max, count: node.prim_count });
+                let range =
+                    node.first_index as usize..(node.first_index + node.prim_count) as usize;
+                tree.order
+                    .extend_from_slice(&built.primitive_indices[range]);
+                tree.nodes.push(Node {
+                    min,
+                    first,
+                    max,
+                    count: node.prim_count,
+                });
             } else {
-                tree.nodes.push(Node { min, first: 0, max, count: 0 });
+                tree.nodes.push(Node {
+                    min,
+                    first: 0,
+                    max,
+                    count: 0,
+                });
                 stack.push((node.first_index + 1, place, depth + 1));
                 stack.push((node.first_index, u32::MAX, depth + 1));
             }
@@ -108,9 +123,10 @@ impl Tree {
             let node = tree.nodes[i];
             let (low, high) = if node.count > 0 {
                 let leaf = &bounds[node.first as usize..(node.first + node.count) as usize];
-                leaf.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), b| {
-                    (low.min(b.0), high.max(b.1))
-                })
+                leaf.iter()
+                    .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), b| {
+                        (low.min(b.0), high.max(b.1))
+                    })
             } else {
                 let (left, right) = (tree.nodes[i + 1], tree.nodes[node.first as usize]);
                 (
@@ -132,8 +148,14 @@ impl Tree {
 
     /// Surface area heuristic: expected node visits and primitive tests of a random line.
     fn expected_cost(&self) -> f32 {
-        let Some(root) = self.nodes.first() else { return 0.0 };
-        let sum: f32 = self.nodes.iter().map(|n| n.half_area() * (1 + n.count) as f32).sum();
+        let Some(root) = self.nodes.first() else {
+            return 0.0;
+        };
+        let sum: f32 = self
+            .nodes
+            .iter()
+            .map(|n| n.half_area() * (1 + n.count) as f32)
+            .sum();
         let area = root.half_area();
         if area > 0.0 { sum / area } else { 0.0 }
     }

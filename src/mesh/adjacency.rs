@@ -59,7 +59,11 @@ impl Adjacency {
             });
         }
         first.push(halves.len() as u32);
-        Adjacency { edges, first, incident }
+        Adjacency {
+            edges,
+            first,
+            incident,
+        }
     }
 
     /// Vertex pairs, the lower index first.
@@ -74,12 +78,16 @@ impl Adjacency {
 
     /// Edges with exactly one face.
     pub fn boundary_count(&self) -> usize {
-        (0..self.edges.len()).filter(|&e| self.incident(e).len() == 1).count()
+        (0..self.edges.len())
+            .filter(|&e| self.incident(e).len() == 1)
+            .count()
     }
 
     /// Edges with more than two faces.
     pub fn non_manifold_count(&self) -> usize {
-        (0..self.edges.len()).filter(|&e| self.incident(e).len() > 2).count()
+        (0..self.edges.len())
+            .filter(|&e| self.incident(e).len() > 2)
+            .count()
     }
 }
 
@@ -92,11 +100,16 @@ mod tests {
         let adjacency = Adjacency::new(&[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]);
         assert_eq!(adjacency.edges().len(), 6);
         for e in 0..6 {
-            let [a, b] = adjacency.incident(e) else { panic!("edge {e} is not manifold") };
+            let [a, b] = adjacency.incident(e) else {
+                panic!("edge {e} is not manifold")
+            };
             assert_ne!(a.forward, b.forward, "edge {e} is wound consistently");
             assert_ne!(a.opposite, b.opposite);
         }
-        assert_eq!((adjacency.boundary_count(), adjacency.non_manifold_count()), (0, 0));
+        assert_eq!(
+            (adjacency.boundary_count(), adjacency.non_manifold_count()),
+            (0, 0)
+        );
     }
 
     #[test]
@@ -104,6 +117,9 @@ mod tests {
         let adjacency = Adjacency::new(&[[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 0, 1]]);
         assert_eq!(adjacency.edges().len(), 7);
         assert_eq!(adjacency.incident(0).len(), 3);
-        assert_eq!((adjacency.boundary_count(), adjacency.non_manifold_count()), (6, 1));
+        assert_eq!(
+            (adjacency.boundary_count(), adjacency.non_manifold_count()),
+            (6, 1)
+        );
     }
 }

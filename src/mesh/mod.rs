@@ -33,13 +33,21 @@ impl TriMesh {
     /// No faces, an index out of range, a coordinate that is not finite, or no extent.
     pub fn new(name: &str, vertices: Vec<DVec3>, faces: &[[i64; 3]]) -> Result<Self> {
         if faces.is_empty() {
-            return Err(Error::EmptyMesh { mesh: name.into(), vertices: vertices.len() });
+            return Err(Error::EmptyMesh {
+                mesh: name.into(),
+                vertices: vertices.len(),
+            });
         }
         for (items, count) in [("vertices", vertices.len()), ("faces", faces.len())] {
             // Corner ids (3 per face) are 32-bit.
             let limit = u32::MAX as usize / 4;
             if count > limit {
-                return Err(Error::TooLarge { what: format!("mesh {name:?}"), count, items, limit });
+                return Err(Error::TooLarge {
+                    what: format!("mesh {name:?}"),
+                    count,
+                    items,
+                    limit,
+                });
             }
         }
         check_finite(&format!("mesh {name:?}"), "vertex", &vertices)?;
@@ -51,13 +59,22 @@ impl TriMesh {
             for (slot, &index) in out.iter_mut().zip(corners) {
                 let valid = usize::try_from(index).ok().filter(|&i| i < count);
                 let Some(i) = valid else {
-                    return Err(Error::FaceIndex { mesh: name.into(), face, index, count });
+                    return Err(Error::FaceIndex {
+                        mesh: name.into(),
+                        face,
+                        index,
+                        count,
+                    });
                 };
                 *slot = representative[i];
             }
             welded.push(out);
         }
-        let mesh = TriMesh { vertices, faces: welded, adjacency: OnceLock::new() };
+        let mesh = TriMesh {
+            vertices,
+            faces: welded,
+            adjacency: OnceLock::new(),
+        };
         mesh.check_extent(name)?;
         Ok(mesh)
     }
@@ -71,7 +88,10 @@ impl TriMesh {
         let what = format!("mesh {name:?}");
         if vertices.len() != self.vertices.len() {
             let (old, new) = (self.vertices.len(), vertices.len());
-            return Err(Error::scene(what, format!("expected {old} vertices as before, got {new}")));
+            return Err(Error::scene(
+                what,
+                format!("expected {old} vertices as before, got {new}"),
+            ));
         }
         check_finite(&what, "vertex", &vertices)?;
         for (i, &r) in join_equal(&self.vertices).iter().enumerate() {
@@ -86,7 +106,11 @@ impl TriMesh {
         if let Some(known) = self.adjacency.get() {
             let _ = adjacency.set(known.clone());
         }
-        let mesh = TriMesh { vertices, faces: self.faces.clone(), adjacency };
+        let mesh = TriMesh {
+            vertices,
+            faces: self.faces.clone(),
+            adjacency,
+        };
         mesh.check_extent(name)?;
         Ok(mesh)
     }
@@ -108,11 +132,20 @@ impl TriMesh {
 
     fn check_extent(&self, name: &str) -> Result<()> {
         let first = self.vertices[self.faces[0][0] as usize];
-        if self.faces.iter().flatten().any(|&v| self.vertices[v as usize] != first) {
+        if self
+            .faces
+            .iter()
+            .flatten()
+            .any(|&v| self.vertices[v as usize] != first)
+        {
             return Ok(());
         }
         let point = first.to_array();
-        Err(Error::NoExtent { mesh: name.into(), faces: self.faces.len(), point })
+        Err(Error::NoExtent {
+            mesh: name.into(),
+            faces: self.faces.len(),
+            point,
+        })
     }
 }
 
@@ -125,7 +158,12 @@ pub fn check_finite(what: &str, item: &'static str, points: &[DVec3]) -> Result<
         None => Ok(()),
         Some(index) => {
             let value = points[index].to_array();
-            Err(Error::NotFinite { what: what.into(), item, index, value })
+            Err(Error::NotFinite {
+                what: what.into(),
+                item,
+                index,
+                value,
+            })
         }
     }
 }
@@ -133,7 +171,11 @@ pub fn check_finite(what: &str, item: &'static str, points: &[DVec3]) -> Result<
 /// For every vertex the lowest index of a vertex with exactly equal coordinates (`-0` equals `0`).
 fn join_equal(vertices: &[DVec3]) -> Vec<u32> {
     // Adding zero turns -0 into 0.
-    let key = |i: u32| (vertices[i as usize] + DVec3::ZERO).to_array().map(f64::to_bits);
+    let key = |i: u32| {
+        (vertices[i as usize] + DVec3::ZERO)
+            .to_array()
+            .map(f64::to_bits)
+    };
     let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
     order.par_sort_unstable_by_key(|&i| (key(i), i));
     let mut representative = vec![0; vertices.len()];
@@ -153,7 +195,10 @@ mod tests {
 
     fn quad_soup() -> (Vec<DVec3>, Vec<[i64; 3]>) {
         let v = [(0., 0.), (1., 0.), (1., 1.), (0., 0.), (1., 1.), (0., 1.)];
-        (v.iter().map(|&(x, y)| DVec3::new(x, y, -0.0)).collect(), vec![[0, 1, 2], [3, 4, 5]])
+        (
+            v.iter().map(|&(x, y)| DVec3::new(x, y, -0.0)).collect(),
+            vec![[0, 1, 2], [3, 4, 5]],
+        )
     }
 
     #[test]
@@ -167,8 +212,13 @@ mod tests {
     #[test]
     fn errors_name_mesh_index_and_value() {
         let (mut v, f) = quad_soup();
-        let out_of_range = TriMesh::new("q", v.clone(), &[[0, 1, 6]]).unwrap_err().to_string();
-        assert_eq!(out_of_range, "mesh \"q\": face 0 refers to vertex 6, allowed are 0 to 5 (6 vertices)");
+        let out_of_range = TriMesh::new("q", v.clone(), &[[0, 1, 6]])
+            .unwrap_err()
+            .to_string();
+        assert_eq!(
+            out_of_range,
+            "mesh \"q\": face 0 refers to vertex 6, allowed are 0 to 5 (6 vertices)"
+        );
         let empty = TriMesh::new("q", v.clone(), &[]).unwrap_err().to_string();
         assert_eq!(empty, "mesh \"q\": it has no faces (6 vertices)");
         let point = TriMesh::new("q", v.clone(), &[[0, 0, 3]]).unwrap_err();
@@ -183,7 +233,10 @@ mod tests {
         let (v, f) = quad_soup();
         let mesh = TriMesh::new("q", v.clone(), &f).unwrap();
         let moved: Vec<_> = v.iter().map(|p| *p * 2.0).collect();
-        assert_eq!(mesh.with_vertices("q", moved).unwrap().faces(), mesh.faces());
+        assert_eq!(
+            mesh.with_vertices("q", moved).unwrap().faces(),
+            mesh.faces()
+        );
         let mut torn = v;
         torn[3].x = 0.5;
         let error = mesh.with_vertices("q", torn).unwrap_err().to_string();

@@ -52,13 +52,20 @@ pub fn silhouette_edges(
                     hand * i32::from(side[i.face as usize])
                 })
                 .sum();
-            (winding != 0).then_some(SilhouetteEdge { edge: edge as u32, winding })
+            (winding != 0).then_some(SilhouetteEdge {
+                edge: edge as u32,
+                winding,
+            })
         })
         .collect()
 }
 
 fn coord(p: DVec3) -> Coord3D<f64> {
-    Coord3D { x: p.x, y: p.y, z: p.z }
+    Coord3D {
+        x: p.x,
+        y: p.y,
+        z: p.z,
+    }
 }
 
 fn sign(x: f64) -> i8 {
@@ -72,8 +79,18 @@ mod tests {
     fn cube() -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let corner = |i: u32| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64);
         let faces = vec![
-            [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
-            [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+            [0, 2, 1],
+            [1, 2, 3],
+            [4, 5, 6],
+            [5, 7, 6],
+            [0, 1, 4],
+            [1, 5, 4],
+            [2, 6, 3],
+            [3, 6, 7],
+            [0, 4, 2],
+            [2, 4, 6],
+            [1, 3, 5],
+            [3, 7, 5],
         ];
         ((0..8).map(corner).collect(), faces)
     }
@@ -117,6 +134,9 @@ mod tests {
         let left: Vec<i32> = above.iter().map(|s| s.winding).collect();
         assert_eq!(adjacency.edges(), &[[0, 1], [0, 2], [1, 2]]);
         assert_eq!(left, vec![1, -1, 1]);
-        assert_eq!(below.iter().map(|s| s.winding).collect::<Vec<_>>(), vec![-1, 1, -1]);
+        assert_eq!(
+            below.iter().map(|s| s.winding).collect::<Vec<_>>(),
+            vec![-1, 1, -1]
+        );
     }
 }

@@ -56,26 +56,33 @@ impl Prepared for PreparedHard {
         control.expect(receivers.groups.len().saturating_sub(1));
         let parts: Vec<Vec<f32>> = receivers
             .group_ranges()
-            .map_init(Default::default, |(packet, stack): &mut (Packet, Vec<u32>), range| {
-                control.step()?;
-                let mut out = Vec::with_capacity(range.len());
-                let ids: Vec<usize> = range.collect();
-                for lanes in ids.chunks(LANES) {
-                    for (lane, &i) in lanes.iter().enumerate() {
-                        packet.set(lane, receivers.ray_origin(i), target);
+            .map_init(
+                Default::default,
+                |(packet, stack): &mut (Packet, Vec<u32>), range| {
+                    control.step()?;
+                    let mut out = Vec::with_capacity(range.len());
+                    let ids: Vec<usize> = range.collect();
+                    for lanes in ids.chunks(LANES) {
+                        for (lane, &i) in lanes.iter().enumerate() {
+                            packet.set(lane, receivers.ray_origin(i), target);
+                        }
+                        let active = u16::MAX >> (LANES - lanes.len());
+                        let mut through = [0.0; LANES];
+                        occluders.transmittance(packet, active, stack, &mut through);
+                        for (&i, t) in lanes.iter().zip(through) {
+                            let h =
+                                light.fraction_above(receivers.positions[i], receivers.normals[i]);
+                            out.push(t.min(h as f32));
+                        }
                     }
-                    let active = u16::MAX >> (LANES - lanes.len());
-                    let mut through = [0.0; LANES];
-                    occluders.transmittance(packet, active, stack, &mut through);
-                    for (&i, t) in lanes.iter().zip(through) {
-                        let h = light.fraction_above(receivers.positions[i], receivers.normals[i]);
-                        out.push(t.min(h as f32));
-                    }
-                }
-                Ok(out)
-            })
+                    Ok(out)
+                },
+            )
             .collect::<Result<_>>()?;
-        Ok(Shading { visibility: parts.concat(), irradiance: None })
+        Ok(Shading {
+            visibility: parts.concat(),
+            irradiance: None,
+        })
     }
 
     fn bytes(&self) -> usize {

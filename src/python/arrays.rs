@@ -1,7 +1,9 @@
 //! NumPy arrays to vectors of points, and back.
 
 use glam::{DMat4, DVec3};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 
 use crate::error::{Error, Result};
@@ -10,14 +12,22 @@ use crate::error::{Error, Result};
 pub(super) fn points(array: &PyReadonlyArray2<'_, f64>, what: &str) -> Result<Vec<DVec3>> {
     check_columns(array.shape(), 3, what)?;
     let view = array.as_array();
-    Ok(view.rows().into_iter().map(|r| DVec3::new(r[0], r[1], r[2])).collect())
+    Ok(view
+        .rows()
+        .into_iter()
+        .map(|r| DVec3::new(r[0], r[1], r[2]))
+        .collect())
 }
 
 /// The rows of an (N, 3) array of vertex indices.
 pub(super) fn faces(array: &PyReadonlyArray2<'_, i64>, what: &str) -> Result<Vec<[i64; 3]>> {
     check_columns(array.shape(), 3, what)?;
     let view = array.as_array();
-    Ok(view.rows().into_iter().map(|r| [r[0], r[1], r[2]]).collect())
+    Ok(view
+        .rows()
+        .into_iter()
+        .map(|r| [r[0], r[1], r[2]])
+        .collect())
 }
 
 /// The values of a one-dimensional array.
@@ -40,7 +50,10 @@ fn check_columns(shape: &[usize], columns: usize, what: &str) -> Result<()> {
     if shape.len() == 2 && shape[1] == columns {
         return Ok(());
     }
-    Err(Error::parameter(what, format!("expected shape (N, {columns}), got {shape:?}")))
+    Err(Error::parameter(
+        what,
+        format!("expected shape (N, {columns}), got {shape:?}"),
+    ))
 }
 
 /// An (N, columns) array of a flat vector.

@@ -46,9 +46,15 @@ pub(super) mod kernels {
         let mesh = mesh(&vertices, &faces)?;
         let (edges, counts) = py.detach(|| {
             let adjacency = mesh.adjacency();
-            let edges: Vec<i32> = adjacency.edges().iter().flatten().map(|&v| v as i32).collect();
-            let counts =
-                (0..adjacency.edges().len()).map(|e| adjacency.incident(e).len() as i32).collect();
+            let edges: Vec<i32> = adjacency
+                .edges()
+                .iter()
+                .flatten()
+                .map(|&v| v as i32)
+                .collect();
+            let counts = (0..adjacency.edges().len())
+                .map(|e| adjacency.incident(e).len() as i32)
+                .collect();
             (edges, counts)
         });
         Ok((arrays::rows(py, edges, 2)?, PyArray1::from_vec(py, counts)))
@@ -75,7 +81,10 @@ pub(super) mod kernels {
             let windings = found.iter().map(|s| s.winding).collect();
             (edges, windings)
         });
-        Ok((arrays::rows(py, edges, 2)?, PyArray1::from_vec(py, windings)))
+        Ok((
+            arrays::rows(py, edges, 2)?,
+            PyArray1::from_vec(py, windings),
+        ))
     }
 
     #[pyfunction]
@@ -92,8 +101,12 @@ pub(super) mod kernels {
         let world = camera.0;
         let (ids, depths) = run(py, progress.as_ref(), |control| {
             let mut scene = Scene::default();
-            let material =
-                Material { albedo: [0.0; 3], opacity: 1.0, casts: true, receives: true };
+            let material = Material {
+                albedo: [0.0; 3],
+                opacity: 1.0,
+                casts: true,
+                receives: true,
+            };
             scene.add_mesh("kernel", vertices, &faces, material)?;
             let geometry = scene.geometry()?;
             let camera = world.to_local(&geometry.frame);
@@ -116,7 +129,10 @@ pub(super) mod kernels {
             Ok((ids, depths))
         })?;
         let columns = world.width as usize;
-        Ok((arrays::rows(py, ids, columns)?, arrays::rows(py, depths, columns)?))
+        Ok((
+            arrays::rows(py, ids, columns)?,
+            arrays::rows(py, depths, columns)?,
+        ))
     }
 
     #[pyfunction]
@@ -131,7 +147,11 @@ pub(super) mod kernels {
         let origins = arrays::points(&origins, "origins")?;
         let targets = arrays::points(&targets, "targets")?;
         if origins.len() != targets.len() {
-            let reason = format!("expected {} as the origins, got {}", origins.len(), targets.len());
+            let reason = format!(
+                "expected {} as the origins, got {}",
+                origins.len(),
+                targets.len()
+            );
             return Err(Error::parameter("targets", reason).into());
         }
         crate::mesh::check_finite("origins", "point", &origins)?;
@@ -139,24 +159,29 @@ pub(super) mod kernels {
         let out = run(py, progress.as_ref(), |control| {
             let geometry = scene.lock().geometry()?;
             let occluders = geometry.occluders();
-            let chunks = origins.par_chunks(64 * LANES).zip(targets.par_chunks(64 * LANES));
+            let chunks = origins
+                .par_chunks(64 * LANES)
+                .zip(targets.par_chunks(64 * LANES));
             control.expect(chunks.len());
             let parts: Vec<Vec<f32>> = chunks
-                .map_init(Default::default, |(packet, stack): &mut (Packet, Vec<u32>), (o, t)| {
-                    control.step()?;
-                    let mut out = Vec::with_capacity(o.len());
-                    for (o, t) in o.chunks(LANES).zip(t.chunks(LANES)) {
-                        for (lane, (&o, &t)) in o.iter().zip(t).enumerate() {
-                            let local = |p| geometry.frame.to_local(p).as_vec3();
-                            packet.set(lane, local(o), local(t));
+                .map_init(
+                    Default::default,
+                    |(packet, stack): &mut (Packet, Vec<u32>), (o, t)| {
+                        control.step()?;
+                        let mut out = Vec::with_capacity(o.len());
+                        for (o, t) in o.chunks(LANES).zip(t.chunks(LANES)) {
+                            for (lane, (&o, &t)) in o.iter().zip(t).enumerate() {
+                                let local = |p| geometry.frame.to_local(p).as_vec3();
+                                packet.set(lane, local(o), local(t));
+                            }
+                            let active = u16::MAX >> (LANES - o.len());
+                            let mut through = [0.0; LANES];
+                            occluders.transmittance(packet, active, stack, &mut through);
+                            out.extend_from_slice(&through[..o.len()]);
                         }
-                        let active = u16::MAX >> (LANES - o.len());
-                        let mut through = [0.0; LANES];
-                        occluders.transmittance(packet, active, stack, &mut through);
-                        out.extend_from_slice(&through[..o.len()]);
-                    }
-                    Ok(out)
-                })
+                        Ok(out)
+                    },
+                )
                 .collect::<Result<_>>()?;
             Ok(parts.concat())
         })?;
@@ -176,7 +201,11 @@ pub(super) mod kernels {
             Some(n) => arrays::points(n, "normals")?,
         };
         if normals.len() != points.len() {
-            let reason = format!("expected {} as the points, got {}", points.len(), normals.len());
+            let reason = format!(
+                "expected {} as the points, got {}",
+                points.len(),
+                normals.len()
+            );
             return Err(Error::parameter("normals", reason).into());
         }
         crate::mesh::check_finite("normals", "normal", &normals)?;
@@ -195,7 +224,9 @@ pub(super) mod kernels {
         normals: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Doubles1<'py>> {
         let light = light.0;
-        each_receiver(py, &points, Some(&normals), |p, n| light.unshadowed_irradiance(p, n))
+        each_receiver(py, &points, Some(&normals), |p, n| {
+            light.unshadowed_irradiance(p, n)
+        })
     }
 
     #[pyfunction]
@@ -207,7 +238,9 @@ pub(super) mod kernels {
         normals: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Doubles1<'py>> {
         let light = light.0;
-        each_receiver(py, &points, normals.as_ref(), |p, n| light.fraction_above(p, n))
+        each_receiver(py, &points, normals.as_ref(), |p, n| {
+            light.fraction_above(p, n)
+        })
     }
 
     #[pyfunction]
@@ -220,7 +253,9 @@ pub(super) mod kernels {
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Floats1<'py>, Floats2<'py>)> {
         let p = DVec3::from(point);
         if !p.is_finite() {
-            return Err(Error::parameter("point", format!("expected finite numbers, got {p}")).into());
+            return Err(
+                Error::parameter("point", format!("expected finite numbers, got {p}")).into(),
+            );
         }
         let most = crate::methods::ray_traced::MOST_SAMPLES as i64;
         if !(1..=most).contains(&samples) {
@@ -232,7 +267,10 @@ pub(super) mod kernels {
         let (low, high) = world.bounds();
         let (low, high) = (low.min(p), high.max(p));
         let unit = (high - low).max_element().log2().ceil().exp2();
-        let frame = Frame { origin: 0.5 * (low + high), unit: if unit > 0.0 { unit } else { 1.0 } };
+        let frame = Frame {
+            origin: 0.5 * (low + high),
+            unit: if unit > 0.0 { unit } else { 1.0 },
+        };
         let light = world.to_local(&frame);
         let n = samples as usize;
         let sampler = Sampler::new(light, 0, Pattern::new(n, seed), true);
@@ -241,9 +279,15 @@ pub(super) mod kernels {
         let points: Vec<f64> = (0..n)
             .flat_map(|i| frame.to_world(out.point(i).as_dvec3()).to_array())
             .collect();
-        let weights: Vec<f32> = (0..n).map(|i| out.weights[i / LANES].0[i % LANES]).collect();
+        let weights: Vec<f32> = (0..n)
+            .map(|i| out.weights[i / LANES].0[i % LANES])
+            .collect();
         let colours: Vec<f32> = (0..n).flat_map(|_| world.radiance).collect();
         let points = PyArray1::from_vec(py, points).reshape([n, 3])?;
-        Ok((points, PyArray1::from_vec(py, weights), arrays::rows(py, colours, 3)?))
+        Ok((
+            points,
+            PyArray1::from_vec(py, weights),
+            arrays::rows(py, colours, 3)?,
+        ))
     }
 }

@@ -22,9 +22,24 @@ use pyo3::prelude::*;
 use crate::control::Control;
 use crate::error::{Error, Kind, Result};
 
-create_exception!(_core, SceneError, PyValueError, "Something is wrong with a scene or a mesh.");
-create_exception!(_core, ParameterError, PyValueError, "A parameter is out of its range.");
-create_exception!(_core, UnsupportedError, PyValueError, "A method cannot do what is asked of it.");
+create_exception!(
+    _core,
+    SceneError,
+    PyValueError,
+    "Something is wrong with a scene or a mesh."
+);
+create_exception!(
+    _core,
+    ParameterError,
+    PyValueError,
+    "A parameter is out of its range."
+);
+create_exception!(
+    _core,
+    UnsupportedError,
+    PyValueError,
+    "A method cannot do what is asked of it."
+);
 
 /// How often a running kernel's caller looks for Ctrl-C and reports progress: two chances within the
 /// 0.2 s in which an interrupt must be answered.
@@ -92,7 +107,9 @@ fn run<T: Send>(
                 .map(String::as_str)
                 .or(panic.downcast_ref::<&str>().copied())
                 .unwrap_or("no message");
-            Err(PyRuntimeError::new_err(format!("internal error, please report it: {text}")))
+            Err(PyRuntimeError::new_err(format!(
+                "internal error, please report it: {text}"
+            )))
         }
     }
 }

@@ -23,7 +23,9 @@ pub(super) struct PyScene(Mutex<Scene>);
 impl PyScene {
     /// The scene. A lock poisoned by a panic is taken over: every change to a scene is made at its end.
     pub(super) fn lock(&self) -> MutexGuard<'_, Scene> {
-        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+        self.0
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
@@ -50,7 +52,12 @@ impl PyScene {
         let what = format!("mesh {name:?}");
         let vertices = arrays::points(&vertices, &what)?;
         let faces = arrays::faces(&faces, &what)?;
-        let material = Material { albedo, opacity, casts, receives };
+        let material = Material {
+            albedo,
+            opacity,
+            casts,
+            receives,
+        };
         py.detach(|| self.lock().add_mesh(name, vertices, &faces, material))
     }
 
@@ -67,15 +74,24 @@ impl PyScene {
         receives: bool,
     ) -> Result<()> {
         let centers = arrays::points(&centers, &format!("spheres {name:?}"))?;
-        let material = Material { albedo, opacity, casts, receives };
-        self.lock().add_spheres(name, &centers, &arrays::values(&radii), material)
+        let material = Material {
+            albedo,
+            opacity,
+            casts,
+            receives,
+        };
+        self.lock()
+            .add_spheres(name, &centers, &arrays::values(&radii), material)
     }
 
     fn set_transform(&self, name: &str, matrix: PyReadonlyArray2<'_, f64>) -> Result<()> {
         let what = format!("mesh {name:?}: transform");
         let m = arrays::matrix(&matrix, &what)?;
         if m.row(3).to_array() != [0.0, 0.0, 0.0, 1.0] {
-            return Err(Error::scene(what, format!("expected a last row 0 0 0 1, got {}", m.row(3))));
+            return Err(Error::scene(
+                what,
+                format!("expected a last row 0 0 0 1, got {}", m.row(3)),
+            ));
         }
         self.lock().set_transform(name, DAffine3::from_mat4(m))
     }
@@ -172,6 +188,8 @@ impl PyMethod {
                 return Err(Error::parameter("RayTraced", reason));
             }
         };
-        Ok(PyMethod(Box::new(RayTraced::new(samples, seed, fixed, cull)?)))
+        Ok(PyMethod(Box::new(RayTraced::new(
+            samples, seed, fixed, cull,
+        )?)))
     }
 }

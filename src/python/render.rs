@@ -52,7 +52,12 @@ pub(super) fn prepare(
             ("structures", total - geometry_seconds),
         ];
         let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
-        Ok(PyPrepared { geometry, lights, method: prepared, seconds })
+        Ok(PyPrepared {
+            geometry,
+            lights,
+            method: prepared,
+            seconds,
+        })
     })
 }
 
@@ -92,13 +97,31 @@ impl PyPrepared {
             "visibility",
             PyArray1::from_vec(py, frame.visibility).reshape([lights, h, w])?,
         )?;
-        out.set_item("radiance", PyArray1::from_vec(py, frame.radiance).reshape([h, w, 3])?)?;
+        out.set_item(
+            "radiance",
+            PyArray1::from_vec(py, frame.radiance).reshape([h, w, 3])?,
+        )?;
         out.set_item("mask", PyArray1::from_vec(py, frame.mask).reshape([h, w])?)?;
-        out.set_item("position", PyArray1::from_vec(py, frame.position).reshape([h, w, 3])?)?;
-        out.set_item("normal", PyArray1::from_vec(py, frame.normal).reshape([h, w, 3])?)?;
-        out.set_item("depth", PyArray1::from_vec(py, frame.depth).reshape([h, w])?)?;
-        out.set_item("mesh_id", PyArray1::from_vec(py, frame.mesh_id).reshape([h, w])?)?;
-        out.set_item("triangle_id", PyArray1::from_vec(py, frame.triangle_id).reshape([h, w])?)?;
+        out.set_item(
+            "position",
+            PyArray1::from_vec(py, frame.position).reshape([h, w, 3])?,
+        )?;
+        out.set_item(
+            "normal",
+            PyArray1::from_vec(py, frame.normal).reshape([h, w, 3])?,
+        )?;
+        out.set_item(
+            "depth",
+            PyArray1::from_vec(py, frame.depth).reshape([h, w])?,
+        )?;
+        out.set_item(
+            "mesh_id",
+            PyArray1::from_vec(py, frame.mesh_id).reshape([h, w])?,
+        )?;
+        out.set_item(
+            "triangle_id",
+            PyArray1::from_vec(py, frame.triangle_id).reshape([h, w])?,
+        )?;
         let all: Vec<_> = self.seconds.iter().chain(&frame.seconds).copied().collect();
         out.set_item("seconds", dictionary(py, &all)?)?;
         out.set_item("bytes", self.method.bytes())?;
@@ -156,10 +179,8 @@ impl PyPrepared {
                 let entry = frame.mesh_id[pixel as usize] as u32;
                 let albedo = geometry.material(entry).albedo;
                 for channel in 0..3 {
-                    frame.radiance[pixel as usize * 3 + channel] += albedo[channel]
-                        * std::f32::consts::FRAC_1_PI
-                        * light.radiance[channel]
-                        * e;
+                    frame.radiance[pixel as usize * 3 + channel] +=
+                        albedo[channel] * std::f32::consts::FRAC_1_PI * light.radiance[channel] * e;
                 }
             }
         }
@@ -187,7 +208,9 @@ impl PyPrepared {
         };
         for (i, &pixel) in receivers.index.iter().enumerate() {
             let at = pixel as usize;
-            let Some((entry, part)) = surface.hit[at].entry(geometry) else { continue };
+            let Some((entry, part)) = surface.hit[at].entry(geometry) else {
+                continue;
+            };
             frame.mask[at] = true;
             (frame.mesh_id[at], frame.triangle_id[at]) = (entry as i32, part as i32);
             frame.depth[at] = (surface.depth[at] * geometry.frame.unit) as f32;
@@ -216,4 +239,3 @@ fn dictionary<'py>(py: Python<'py>, items: &[(&'static str, f64)]) -> PyResult<B
     }
     Ok(out)
 }
-

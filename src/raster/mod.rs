@@ -71,14 +71,19 @@ pub fn rasterize<S: Sink>(
 ) -> Result<Vec<(Tile, S)>> {
     let columns = camera.width.div_ceil(TILE);
     let rows = camera.height.div_ceil(TILE);
-    let points: Vec<_> = positions.par_iter().map(|p| camera.project(p.as_dvec3())).collect();
+    let points: Vec<_> = positions
+        .par_iter()
+        .map(|p| camera.project(p.as_dvec3()))
+        .collect();
     let chunks: Vec<Chunk> = faces
         .par_chunks(CHUNK)
         .enumerate()
         .map(|(c, faces)| {
             control.check()?;
-            let mut chunk =
-                Chunk { setups: Vec::new(), bins: vec![Vec::new(); (columns * rows) as usize] };
+            let mut chunk = Chunk {
+                setups: Vec::new(),
+                bins: vec![Vec::new(); (columns * rows) as usize],
+            };
             for (i, face) in faces.iter().enumerate() {
                 let id = (c * CHUNK + i) as u32;
                 if keep(id) {
@@ -184,7 +189,17 @@ mod tests {
     fn a_fan_whose_spokes_run_through_pixel_centres_covers_every_pixel_once() {
         // Hub at a pixel centre; spokes horizontal, vertical, diagonal and in between.
         let hub = Vec3::new(0.005, 0.005, 1.0);
-        let rim = [(4, 0), (4, 4), (2, 4), (0, 4), (-4, 4), (-4, 0), (-4, -4), (0, -4), (3, -4)];
+        let rim = [
+            (4, 0),
+            (4, 4),
+            (2, 4),
+            (0, 4),
+            (-4, 4),
+            (-4, 0),
+            (-4, -4),
+            (0, -4),
+            (3, -4),
+        ];
         let mut positions = vec![hub];
         positions.extend(rim.map(|(x, y)| hub + Vec3::new(x as f32, y as f32, 0.0)));
         let n = rim.len() as u32;
@@ -199,15 +214,21 @@ mod tests {
         // A floor from far ahead to behind the camera, split along a diagonal.
         let y = 0.5;
         let corner = |x: f32, z: f32| Vec3::new(x, y, z);
-        let positions =
-            [corner(-9.0, -9.0), corner(9.0, -9.0), corner(9.0, 50.0), corner(-9.0, 50.0)];
+        let positions = [
+            corner(-9.0, -9.0),
+            corner(9.0, -9.0),
+            corner(9.0, 50.0),
+            corner(-9.0, 50.0),
+        ];
         let hits = hits(&positions, &[[0, 1, 2], [0, 2, 3]]);
         assert!(hits.values().all(|h| h.len() == 1));
         // Below the horizon's row all 128 columns are floor as far as the floor is wide.
         for row in 60..96 {
             let z = 100.0 * f64::from(y) / (f64::from(row) + 0.5 - 48.0);
             let half = 100.0 * 9.0 / z;
-            let expected = (0..128).filter(|x| (f64::from(*x) + 0.5 - 64.0).abs() < half).count();
+            let expected = (0..128)
+                .filter(|x| (f64::from(*x) + 0.5 - 64.0).abs() < half)
+                .count();
             let got = (0..128).filter(|&x| hits.contains_key(&(x, row))).count();
             assert_eq!(got, expected, "row {row}");
         }
@@ -215,7 +236,13 @@ mod tests {
 
     #[test]
     fn degenerate_and_off_screen_triangles_leave_nothing() {
-        let p = [Vec3::Z, Vec3::new(0.3, 0.2, 1.0), Vec3::new(0.6, 0.4, 1.0), -Vec3::Z, Vec3::new(9.0, 9.0, 1.0)];
+        let p = [
+            Vec3::Z,
+            Vec3::new(0.3, 0.2, 1.0),
+            Vec3::new(0.6, 0.4, 1.0),
+            -Vec3::Z,
+            Vec3::new(9.0, 9.0, 1.0),
+        ];
         assert!(hits(&p, &[[0, 1, 2], [0, 0, 1], [3, 3, 3], [4, 4, 0]]).is_empty());
     }
 }

@@ -19,7 +19,11 @@ impl Nearest {
     /// An empty tile.
     pub fn new(tile: Tile) -> Self {
         let n = (tile.width * tile.height) as usize;
-        Nearest { tile, inverse_depth: vec![0.0; n], triangle: vec![NONE; n] }
+        Nearest {
+            tile,
+            inverse_depth: vec![0.0; n],
+            triangle: vec![NONE; n],
+        }
     }
 }
 

@@ -193,5 +193,11 @@ fn edge(a: &[f64; 3], b: &[f64; 3]) -> EdgeFunction {
     // Moved by (ε, ε²) the function changes by -dy ε + dx ε².
     let counts_zero = dy < 0.0 || (dy == 0.0 && dx > 0.0);
     let above = if counts_zero { JUST_BELOW } else { 0.0 };
-    EdgeFunction { x: from[0], y: from[1], dx, dy, above }
+    EdgeFunction {
+        x: from[0],
+        y: from[1],
+        dx,
+        dy,
+        above,
+    }
 }

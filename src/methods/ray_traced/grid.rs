@@ -6,7 +6,7 @@ use glam::Vec3;
 use crate::sampling::{GRID, View};
 
 /// How far, in cells, an edge's image is thickened at least: the rounding of a clipped and projected
-/// segment is below 0.005 cells (positions 1e-6 of the grid's 16 cells, slopes up to 16 / [`FLAT`]), and
+/// segment is below 0.005 cells (positions 1e-6 of the grid's 32 cells, slopes up to 32 / [`FLAT`]), and
 /// a sample's cell is known to 1e-5 cells.
 const THICKNESS: f32 = 0.01;
 
@@ -26,31 +26,24 @@ pub(super) struct SeenEdge {
     pub(super) ends: [Vec3; 2],
 }
 
-/// What is known about the 16×16 cells.
-#[derive(Debug, Clone)]
+/// A row of cells, a bit a column.
+type Cells = u32;
+
+/// What is known about the cells.
+#[derive(Debug, Clone, Default)]
 pub(super) struct Grid {
-    /// Cells that an edge touches, a bit a column.
-    marked: [u16; GRID],
-    /// Part that each cell belongs to, [`NO_PART`] before it is asked for.
-    part: [u8; GRID * GRID],
-    /// Transmittance of each part, once its segment was traced.
-    through: Vec<Option<f32>>,
-}
-
-const NO_PART: u8 = u8::MAX;
-
-impl Default for Grid {
-    fn default() -> Self {
-        Grid { marked: [0; GRID], part: [NO_PART; GRID * GRID], through: Vec::new() }
-    }
+    /// Cells that an edge touches.
+    marked: [Cells; GRID],
+    /// Connected parts of the others that were asked for, and the segment that answers for each. A
+    /// receiver seldom sees more than three, so a list is searched faster than cells are labelled.
+    parts: Vec<([Cells; GRID], u32)>,
 }
 
 impl Grid {
     /// Forgets everything.
     pub(super) fn clear(&mut self) {
         self.marked = [0; GRID];
-        self.part = [NO_PART; GRID * GRID];
-        self.through.clear();
+        self.parts.clear();
     }
 
     /// Marks the cells that the edge's image may touch. False: it cannot be said which, because the
@@ -99,7 +92,8 @@ impl Grid {
     fn draw(&mut self, p: (f32, f32), q: (f32, f32), thickness: f32) {
         let (p, q) = if p.1 <= q.1 { (p, q) } else { (q, p) };
         let rise = q.1 - p.1;
-        let row = |y: f32| (y.floor() as i32).clamp(0, GRID as i32 - 1);
+        // Truncation rounds down where nothing is negative.
+        let row = |y: f32| y.clamp(0.0, (GRID - 1) as f32) as i32;
         for r in row(p.1 - thickness)..=row(q.1 + thickness) {
             let (mut x0, mut x1) = (p.0, q.0);
             if rise > FLAT {
@@ -108,74 +102,64 @@ impl Grid {
                 x1 = along(r as f32 + 1.0 + thickness);
             }
             let (low, high) = (row(x0.min(x1) - thickness), row(x0.max(x1) + thickness));
-            self.marked[r as usize] |= (u16::MAX << low) & (u16::MAX >> (GRID as i32 - 1 - high));
+            self.marked[r as usize] |=
+                (Cells::MAX << low) & (Cells::MAX >> (GRID as i32 - 1 - high));
         }
     }
 
-    /// Whether a sample in this cell must be traced: the cell is marked, or it is the first sample in
-    /// its part.
-    pub(super) fn claim(&mut self, cell: u8) -> bool {
-        let cell = usize::from(cell);
-        if self.marked[cell / GRID] >> (cell % GRID) & 1 == 1 {
-            return true;
+    /// The segment that answers for a sample in this cell: that of its part, if there is one already,
+    /// else `new()`, which stands for the whole part unless the cell is marked.
+    pub(super) fn segment(&mut self, cell: u16, new: impl FnOnce() -> u32) -> u32 {
+        let (row, column) = (usize::from(cell) / GRID, usize::from(cell) % GRID);
+        let holds = |rows: &[Cells; GRID]| rows[row] >> column & 1 == 1;
+        if holds(&self.marked) {
+            return new();
         }
-        if self.part[cell] != NO_PART {
-            return false;
+        if let Some((_, segment)) = self.parts.iter().find(|(rows, _)| holds(rows)) {
+            return *segment;
         }
-        let part = self.through.len() as u8;
-        self.through.push(None);
-        self.flood(cell, part);
-        true
+        let segment = new();
+        self.parts.push((self.flood(row, column), segment));
+        segment
     }
 
-    /// Tells what a traced sample in this cell has found.
-    pub(super) fn learn(&mut self, cell: u8, through: f32) {
-        let part = self.part[usize::from(cell)];
-        if part != NO_PART {
-            self.through[usize::from(part)].get_or_insert(through);
-        }
-    }
-
-    /// What is known of this cell's part.
-    pub(super) fn known(&self, cell: u8) -> Option<f32> {
-        let part = self.part[usize::from(cell)];
-        self.through.get(usize::from(part)).copied().flatten()
-    }
-
-    /// Gives all unmarked cells that are connected to `seed` (through sides) the number `part`.
-    ///
-    /// There are at most 128 such parts, in a checkerboard, so a byte holds their number.
-    fn flood(&mut self, seed: usize, part: u8) {
-        let mut rows = [0u16; GRID];
-        rows[seed / GRID] = 1 << (seed % GRID);
-        let mut changed = true;
-        let mut down = true;
-        while changed {
-            changed = false;
-            for step in 0..GRID {
-                let r = if down { step } else { GRID - 1 - step };
+    /// All unmarked cells that are connected to one of them (through sides).
+    fn flood(&self, row: usize, column: usize) -> [Cells; GRID] {
+        let mut rows: [Cells; GRID] = [0; GRID];
+        rows[row] = run(1 << column, !self.marked[row]);
+        // Sweeps down and up, each row filled from its neighbours, until nothing changes.
+        loop {
+            let mut changed = false;
+            let mut fill = |r: usize| {
                 let above = if r > 0 { rows[r - 1] } else { 0 };
                 let below = if r + 1 < GRID { rows[r + 1] } else { 0 };
                 let free = !self.marked[r];
-                let mut cells = (rows[r] | above | below) & free;
-                loop {
-                    let wider = (cells | cells << 1 | cells >> 1) & free;
-                    if wider == cells {
-                        break;
-                    }
-                    cells = wider;
+                let seeds = (rows[r] | above | below) & free;
+                if seeds != rows[r] {
+                    (changed, rows[r]) = (true, run(seeds, free));
                 }
-                changed |= cells != rows[r];
-                rows[r] = cells;
+            };
+            for r in row..GRID {
+                fill(r);
             }
-            down = !down;
-        }
-        for (r, &cells) in rows.iter().enumerate() {
-            for c in super::bits(cells) {
-                self.part[r * GRID + c] = part;
+            for r in (0..GRID).rev() {
+                fill(r);
+            }
+            if !changed {
+                return rows;
             }
         }
     }
+}
+
+/// All bits of `free` that adjoin `seeds` (bits of `free`) without a gap.
+///
+/// Adding the seeds to the free bits carries from the lowest seed of a run to the run's end: what the
+/// carry turned over, and the other seeds, is filled; the same mirrored for the other direction.
+fn run(seeds: Cells, free: Cells) -> Cells {
+    let up = |seeds: Cells, free: Cells| (free.wrapping_add(seeds) ^ free) & free | seeds;
+    let filled = up(seeds, free);
+    up(filled.reverse_bits(), free.reverse_bits()).reverse_bits()
 }
 
 fn l1(v: Vec3) -> f32 {
@@ -189,31 +173,52 @@ mod tests {
 
     /// The receiver sees the light as the unit square at distance 1 along z.
     fn view() -> View {
-        View { u: Vec3::X, v: Vec3::Y, w: Vec3::Z }
+        View {
+            u: Vec3::X,
+            v: Vec3::Y,
+            w: Vec3::Z,
+        }
     }
 
     fn edge(a: [f32; 3], b: [f32; 3]) -> SeenEdge {
-        SeenEdge { view: view(), ends: [a.into(), b.into()] }
+        SeenEdge {
+            view: view(),
+            ends: [a.into(), b.into()],
+        }
     }
 
     #[test]
     fn every_cell_that_an_edge_passes_through_is_marked() {
-        let ends = [[0.1, 0.2], [0.9, 0.7], [0.5, -0.4], [-2.0, 0.503], [0.3, 0.3], [1.7, 1.1]];
+        let ends = [
+            [0.1, 0.2],
+            [0.9, 0.7],
+            [0.5, -0.4],
+            [-2.0, 0.503],
+            [0.3, 0.3],
+            [1.7, 1.1],
+        ];
         for a in ends {
             for b in ends {
                 let mut grid = Grid::default();
                 // At half and at 0.8 of the distance: the image is where the ends point to.
-                assert!(grid.mark(edge([a[0] * 0.5, a[1] * 0.5, 0.5], [b[0] * 0.8, b[1] * 0.8, 0.8])));
+                assert!(grid.mark(edge(
+                    [a[0] * 0.5, a[1] * 0.5, 0.5],
+                    [b[0] * 0.8, b[1] * 0.8, 0.8]
+                )));
                 for step in 0..=1000 {
                     let t = step as f32 / 1000.0;
                     let (x, y) = (a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]));
-                    let (i, j) = ((x * 16.0).floor() as i32, (y * 16.0).floor() as i32);
-                    if (0..16).contains(&i) && (0..16).contains(&j) {
+                    let size = GRID as f32;
+                    let (i, j) = ((x * size).floor() as i32, (y * size).floor() as i32);
+                    if (0..32).contains(&i) && (0..32).contains(&j) {
                         assert!(grid.marked[j as usize] >> i & 1 == 1, "{a:?} {b:?} {i} {j}");
                     }
                 }
                 let cells: u32 = grid.marked.iter().map(|r| r.count_ones()).sum();
-                assert!(cells <= 48, "{a:?} {b:?}: {cells} cells for at most 31 that it crosses");
+                assert!(
+                    cells <= 96,
+                    "{a:?} {b:?}: {cells} cells for at most 63 that it crosses"
+                );
             }
         }
     }
@@ -230,13 +235,57 @@ mod tests {
     fn a_line_across_the_light_leaves_two_parts() {
         let mut grid = Grid::default();
         assert!(grid.mark(edge([-0.1, 0.52, 1.0], [1.1, 0.55, 1.0])));
-        let first = grid.claim(0);
-        let same = grid.claim(15);
-        let across = grid.claim(255);
-        let on_line = (grid.claim(8 * 16), grid.claim(8 * 16));
-        assert_eq!((first, same, across, on_line), (true, false, true, (true, true)));
-        grid.learn(0, 1.0);
-        grid.learn(255, 0.0);
-        assert_eq!((grid.known(17), grid.known(254), grid.known(8 * 16)), (Some(1.0), Some(0.0), None));
+        let mut next = 0;
+        let mut ask = |cell: u16| {
+            grid.segment(cell, || {
+                next += 1;
+                next - 1
+            })
+        };
+        let line = 17 * GRID as u16;
+        let answers = [0, 31, 33, 1023, 1000, line, line].map(&mut ask);
+        assert_eq!(answers, [0, 0, 0, 1, 1, 2, 3]);
+    }
+
+    #[test]
+    fn runs_fill_up_and_down_to_the_next_gap() {
+        assert_eq!(run(0b0000_0100, 0b1110_1110), 0b0000_1110);
+        assert_eq!(run(0b0100_0100, 0b1110_1110), 0b1110_1110);
+        assert_eq!(run(1 << 31, !0), !0);
+        assert_eq!(run(0b101, 0b111), 0b111);
+        assert_eq!(run(0, !0), 0);
+    }
+
+    #[test]
+    fn a_part_that_winds_is_found_whole() {
+        // A spiral of free cells, one wide: every free cell must end up in the part of the first.
+        let mut grid = Grid {
+            marked: [Cells::MAX; GRID],
+            ..Grid::default()
+        };
+        let (mut x, mut y, mut dx, mut dy) = (0i32, 0i32, 1i32, 0i32);
+        let free = |grid: &Grid, x: i32, y: i32| {
+            (0..32).contains(&x) && (0..32).contains(&y) && grid.marked[y as usize] >> x & 1 == 0
+        };
+        let mut cells = Vec::new();
+        for _ in 0..500 {
+            grid.marked[y as usize] &= !(1 << x);
+            cells.push((y * 32 + x) as u16);
+            let ahead = (x + 2 * dx, y + 2 * dy);
+            let inside = (0..32).contains(&(x + dx)) && (0..32).contains(&(y + dy));
+            if !inside || free(&grid, ahead.0, ahead.1) {
+                (dx, dy) = (-dy, dx);
+                if free(&grid, x + 2 * dx, y + 2 * dy) {
+                    break;
+                }
+            }
+            (x, y) = (x + dx, y + dy);
+        }
+        assert!(cells.len() > 400);
+        assert!(
+            cells
+                .iter()
+                .all(|&c| grid.segment(c, || c.into()) == u32::from(cells[0]))
+        );
     }
 }

@@ -72,11 +72,18 @@ impl Group {
     ) -> Found {
         self.edges.clear();
         self.views.clear();
-        self.views.extend(origins.iter().map(|o| sampler.view(o.as_dvec3())));
+        self.views
+            .extend(origins.iter().map(|o| sampler.view(o.as_dvec3())));
         self.origins.clear();
         self.origins.extend_from_slice(origins);
         // Receivers that the light does not face have no say in the shaft.
-        let facing = || self.views.iter().zip(origins).filter(|(v, _)| v.is_some()).map(|(_, o)| *o);
+        let facing = || {
+            self.views
+                .iter()
+                .zip(origins)
+                .filter(|(v, _)| v.is_some())
+                .map(|(_, o)| *o)
+        };
         let low = facing().fold(Vec3::INFINITY, Vec3::min);
         let high = facing().fold(Vec3::NEG_INFINITY, Vec3::max);
         if low.x > high.x {
@@ -86,7 +93,12 @@ impl Group {
         let shaft = Shaft::new((low, high), (light.0.as_vec3(), light.1.as_vec3()));
         let occluders = geometry.occluders();
         if let Some(spheres) = &occluders.spheres {
-            if spheres.tree.nodes.iter().any(|n| n.count > 0 && shaft.meets(n)) {
+            if spheres
+                .tree
+                .nodes
+                .iter()
+                .any(|n| n.count > 0 && shaft.meets(n))
+            {
                 return Found::NotHere;
             }
         }
@@ -114,7 +126,14 @@ impl Group {
     fn collect_from(&mut self, geometry: &Geometry, bvh: &TriangleBvh, shaft: &Shaft) -> bool {
         let outline = bvh.outline(geometry);
         let nodes = &bvh.tree.nodes;
-        outline.candidates(geometry, nodes, shaft, MOST_EDGES, &mut self.stack, &mut self.edges)
+        outline.candidates(
+            geometry,
+            nodes,
+            shaft,
+            MOST_EDGES,
+            &mut self.stack,
+            &mut self.edges,
+        )
     }
 
     /// Whether receiver `k` sees the light in a way that a grid can be laid over.
@@ -126,9 +145,14 @@ impl Group {
     pub(super) fn edges(&self, k: usize) -> impl Iterator<Item = SeenEdge> {
         let origin = self.origins[k];
         let view = self.views[k].unwrap_or_default();
-        self.heed.iter().zip(&self.edges).filter(move |(heed, _)| *heed >> k & 1 == 1).map(
-            move |(_, edge)| SeenEdge { view, ends: edge.ends.map(|p| relative(p, origin)) },
-        )
+        self.heed
+            .iter()
+            .zip(&self.edges)
+            .filter(move |(heed, _)| *heed >> k & 1 == 1)
+            .map(move |(_, edge)| SeenEdge {
+                view,
+                ends: edge.ends.map(|p| relative(p, origin)),
+            })
     }
 
     fn find_heeded(&mut self) {
@@ -158,7 +182,13 @@ impl Group {
 #[inline(always)]
 unsafe fn load<S: Lanes>(vectors: &[[Row; ROWS]; 3], row: usize) -> [S; 3] {
     // SAFETY: the caller enabled the features of `S`.
-    unsafe { [S::load(&vectors[0][row]), S::load(&vectors[1][row]), S::load(&vectors[2][row])] }
+    unsafe {
+        [
+            S::load(&vectors[0][row]),
+            S::load(&vectors[1][row]),
+            S::load(&vectors[2][row]),
+        ]
+    }
 }
 
 #[inline(always)]
@@ -219,7 +249,10 @@ unsafe fn heeded<S: Lanes>(edges: &[EdgePlanes], receivers: &Receiver, heed: &mu
                     continue;
                 }
                 // Certainly to one side of the light, or beyond it.
-                let doubt = size_a.max(size_b).mul(steepness).mul(S::splat(2.0 * DOT_ERROR));
+                let doubt = size_a
+                    .max(size_b)
+                    .mul(steepness)
+                    .mul(S::splat(2.0 * DOT_ERROR));
                 let negative = zero.sub(doubt);
                 let (ua, va, wa) = (dot(&a, &u), dot(&a, &v), dot(&a, &w));
                 let (ub, vb, wb) = (dot(&b, &u), dot(&b, &v), dot(&b, &w));

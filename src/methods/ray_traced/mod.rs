@@ -11,7 +11,8 @@
 //! that can be silhouettes in the shaft to the light are collected from the hierarchy ([`group`]); per
 //! receiver, those that are, are drawn conservatively into a grid over the light ([`grid`]). Samples in
 //! a connected part of the grid that no edge touches share one traced segment; the rest are traced one
-//! by one. Since every doubt is decided towards tracing, the result is the same to the last bit as
+//! by one. A group's segments are sorted by where on the light they end, so that sixteen go together
+//! that are nearly the same. Since every doubt is decided towards tracing, the result is the same to the last bit as
 //! without; tests hold it to that. Most receivers see no edge at all and need one segment.
 //!
 //! Where culling does not apply: a light that a triangle cuts or touches, spheres in the shaft, a
@@ -70,7 +71,12 @@ impl RayTraced {
             let reason = format!("samples must be 1 to {MOST_SAMPLES}, got {samples}");
             return Err(Error::parameter("RayTraced", reason));
         }
-        Ok(RayTraced { samples: samples as usize, seed, fixed, cull })
+        Ok(RayTraced {
+            samples: samples as usize,
+            seed,
+            fixed,
+            cull,
+        })
     }
 }
 
@@ -97,9 +103,15 @@ impl Method for RayTraced {
                 let mut stack = Vec::new();
                 let mut touches = |bvh| touches_light(bvh, &light, &mut stack);
                 let cut = touches(&occluders.opaque)
-                    || occluders.transparent.as_ref().is_some_and(|(bvh, _)| touches(bvh));
+                    || occluders
+                        .transparent
+                        .as_ref()
+                        .is_some_and(|(bvh, _)| touches(bvh));
                 let sampler = Sampler::new(light, number as u32, pattern.clone(), self.fixed);
-                PreparedLight { sampler, cull: self.cull && !cut }
+                PreparedLight {
+                    sampler,
+                    cull: self.cull && !cut,
+                }
             })
             .collect::<Vec<_>>();
         if lights.iter().any(|l| l.cull) {
@@ -151,20 +163,73 @@ struct Scratch {
     samples: LightSamples,
     group: Group,
     grid: Grid,
-    /// Transmittance of each sample.
-    through: Vec<Row>,
-    /// Samples to trace, and for the grid's parts which samples each stands for.
-    open: Vec<u32>,
     /// Where the rays of the receivers at hand start.
     origins: Vec<Vec3>,
-    /// Receivers without an edge, that wait for a full packet, and their sums if they are lit.
-    waiting: Vec<(usize, [f32; 2])>,
+    /// Transmittance of each sample of one receiver.
+    through: Vec<Row>,
+    /// Receivers whose segments are still to be traced.
+    pending: Vec<Pending>,
+    /// Weights of the pending receivers' samples, and the segment that answers for each.
+    weights: Vec<Row>,
+    sources: Vec<[u32; LANES]>,
 }
 
+/// A receiver that waits for its segments.
+enum Pending {
+    /// One segment decides between these sums and nothing.
+    Whole {
+        receiver: usize,
+        segment: u32,
+        sums: [f32; 2],
+    },
+    /// Every sample has a segment, from this row on.
+    Parts { receiver: usize, row: usize },
+}
+
+/// Marks a sample that is not valid and has no segment.
+const NO_SEGMENT: u32 = u32::MAX;
+
+/// Segments of a group of receivers.
 #[derive(Default)]
 struct Tracer {
     packet: Packet,
     stack: Vec<u32>,
+    /// Sample, receiver and target of each segment.
+    segments: Vec<(u32, u32, Vec3)>,
+    order: Vec<u64>,
+    through: Vec<f32>,
+}
+
+impl Tracer {
+    /// Adds the segment from the group's receiver `k` to its light sample `sample`.
+    fn add(&mut self, k: usize, sample: usize, target: Vec3) -> u32 {
+        self.segments.push((sample as u32, k as u32, target));
+        self.segments.len() as u32 - 1
+    }
+
+    /// Traces all segments, sorted by sample (samples are in Morton order on the light).
+    fn trace(&mut self, occluders: &Occluders, origins: &[Vec3]) {
+        self.order.clear();
+        let keys = self.segments.iter().enumerate();
+        self.order
+            .extend(keys.map(|(s, &(sample, ..))| u64::from(sample) << 32 | s as u64));
+        self.order.sort_unstable();
+        self.through.clear();
+        self.through.resize(self.segments.len(), 0.0);
+        for keys in self.order.chunks(LANES) {
+            for (lane, &key) in keys.iter().enumerate() {
+                let (_, k, target) = self.segments[key as u32 as usize];
+                self.packet.set(lane, origins[k as usize], target);
+            }
+            let active = u16::MAX >> (LANES - keys.len());
+            let mut through = [0.0; LANES];
+            occluders.transmittance(&self.packet, active, &mut self.stack, &mut through);
+            for (&key, t) in keys.iter().zip(through) {
+                self.through[key as u32 as usize] = t;
+            }
+        }
+        self.segments.clear();
+    }
 }
 
 impl PreparedRayTraced {
@@ -179,7 +244,9 @@ impl PreparedRayTraced {
         let mut out = vec![[0.0f32; 2]; range.len()];
         let first = range.start;
         let mut ids: Vec<usize> = range.collect();
-        self.shade_neighbours(receivers, &mut ids, light, s, &mut |i, value| out[i - first] = value);
+        self.shade_neighbours(receivers, &mut ids, light, s, &mut |i, value| {
+            out[i - first] = value
+        });
         out
     }
 
@@ -193,7 +260,8 @@ impl PreparedRayTraced {
         put: &mut impl FnMut(usize, [f32; 2]),
     ) {
         s.origins.clear();
-        s.origins.extend(ids.iter().map(|&i| receivers.ray_origin(i)));
+        s.origins
+            .extend(ids.iter().map(|&i| receivers.ray_origin(i)));
         let found = if light.cull {
             s.group.collect(&self.geometry, &light.sampler, &s.origins)
         } else {
@@ -223,10 +291,12 @@ impl PreparedRayTraced {
         put: &mut impl FnMut(usize, [f32; 2]),
     ) {
         let occluders = self.geometry.occluders();
-        // One segment for a whole receiver can wait for others only where it is all or nothing:
-        // otherwise its sums must be made sample by sample, to give the same bits as without culling.
+        // One segment can stand for a receiver's sums only where it is all or nothing: otherwise they
+        // must be made sample by sample, to give the same bits as without culling.
         let binary = occluders.transparent.is_none() && occluders.spheres.is_none();
-        s.waiting.clear();
+        s.pending.clear();
+        s.weights.clear();
+        s.sources.clear();
         for (k, &i) in ids.iter().enumerate() {
             let (p, n) = (receivers.positions[i], receivers.normals[i]);
             light.sampler.fill(receivers.index[i], p, n, &mut s.samples);
@@ -236,81 +306,95 @@ impl PreparedRayTraced {
             };
             let settled = known && s.group.has_view(k);
             if settled && binary && s.group.edges(k).next().is_none() {
-                s.tracer.packet.set(s.waiting.len(), s.origins[k], s.samples.point(first));
-                s.waiting.push((i, sums(&s.samples, None)));
-                if s.waiting.len() == LANES {
-                    settle_waiting(occluders, &mut s.tracer, &mut s.waiting, put);
+                let segment = s.tracer.add(k, first, s.samples.point(first));
+                let sums = sums_of_valid(&s.samples);
+                s.pending.push(Pending::Whole {
+                    receiver: i,
+                    segment,
+                    sums,
+                });
+            } else if settled && s.draw(k) {
+                s.pending.push(Pending::Parts {
+                    receiver: i,
+                    row: s.weights.len(),
+                });
+                s.share_segments(k);
+            } else {
+                put(i, s.trace_all(occluders, s.origins[k]));
+            }
+        }
+        s.tracer.trace(occluders, &s.origins);
+        let rows = s.samples.weights.len();
+        for pending in &s.pending {
+            match *pending {
+                Pending::Whole {
+                    receiver,
+                    segment,
+                    sums,
+                } => {
+                    let hidden = s.tracer.through[segment as usize] == 0.0;
+                    put(receiver, if hidden { [0.0; 2] } else { sums });
                 }
-                continue;
+                Pending::Parts { receiver, row } => {
+                    s.through.clear();
+                    s.through
+                        .extend(s.sources[row..row + rows].iter().map(|sources| {
+                            let through = &s.tracer.through;
+                            Row(sources.map(|x| through.get(x as usize).copied().unwrap_or(0.0)))
+                        }));
+                    let weights = &s.weights[row..row + rows];
+                    put(receiver, sums(weights, &s.through, s.samples.count));
+                }
             }
-            // The packet is in use by those who wait.
-            settle_waiting(occluders, &mut s.tracer, &mut s.waiting, put);
-            let drawn = settled && {
-                s.samples.find_cells();
-                s.grid.clear();
-                s.group.edges(k).all(|edge| s.grid.mark(edge))
-            };
-            trace_samples(occluders, s.origins[k], drawn, s);
-            put(i, sums(&s.samples, Some(&s.through)));
         }
-        settle_waiting(occluders, &mut s.tracer, &mut s.waiting, put);
     }
 }
 
-/// Traces one segment for every receiver that waits and passes on its sums, or 0 where it is hidden.
-fn settle_waiting(
-    occluders: &Occluders,
-    tracer: &mut Tracer,
-    waiting: &mut Vec<(usize, [f32; 2])>,
-    put: &mut impl FnMut(usize, [f32; 2]),
-) {
-    if waiting.is_empty() {
-        return;
+impl Scratch {
+    /// Draws the edges that receiver `k` must heed into the grid; false where that is not possible.
+    fn draw(&mut self, k: usize) -> bool {
+        self.grid.clear();
+        self.group.edges(k).all(|edge| self.grid.mark(edge))
     }
-    let active = u16::MAX >> (LANES - waiting.len());
-    let mut through = [0.0; LANES];
-    occluders.transmittance(&tracer.packet, active, &mut tracer.stack, &mut through);
-    for ((i, sums), t) in waiting.drain(..).zip(through) {
-        put(i, if t == 0.0 { [0.0; 2] } else { sums });
-    }
-}
 
-/// Fills `s.through`; `drawn`: the grid knows which samples share their answer.
-fn trace_samples(occluders: &Occluders, origin: Vec3, drawn: bool, s: &mut Scratch) {
-    let samples = &s.samples;
-    s.through.clear();
-    s.through.resize(samples.valid.len(), Row::default());
-    s.open.clear();
-    for (r, &valid) in samples.valid.iter().enumerate() {
-        for lane in bits(valid) {
-            if !drawn || s.grid.claim(samples.cells[r][lane]) {
-                s.open.push((r * LANES + lane) as u32);
+    /// Finds the segments that answer for the samples of receiver `k`, which are at hand.
+    fn share_segments(&mut self, k: usize) {
+        self.samples.find_cells();
+        let Scratch {
+            samples,
+            grid,
+            tracer,
+            ..
+        } = self;
+        for (r, &valid) in samples.valid.iter().enumerate() {
+            let mut sources = [NO_SEGMENT; LANES];
+            for lane in bits(valid) {
+                let sample = r * LANES + lane;
+                sources[lane] = grid.segment(samples.cells[r][lane], || {
+                    tracer.add(k, sample, samples.point(sample))
+                });
             }
+            self.sources.push(sources);
         }
+        self.weights.extend_from_slice(&self.samples.weights);
     }
-    for ids in s.open.chunks(LANES) {
-        for (lane, &id) in ids.iter().enumerate() {
-            s.tracer.packet.set(lane, origin, samples.point(id as usize));
-        }
-        let active = u16::MAX >> (LANES - ids.len());
-        let mut through = [0.0; LANES];
-        occluders.transmittance(&s.tracer.packet, active, &mut s.tracer.stack, &mut through);
-        for (&id, t) in ids.iter().zip(through) {
-            let (r, lane) = (id as usize / LANES, id as usize % LANES);
-            s.through[r].0[lane] = t;
-            if drawn {
-                s.grid.learn(samples.cells[r][lane], t);
-            }
-        }
-    }
-    if drawn {
+
+    /// Traces every sample of the receiver at hand.
+    fn trace_all(&mut self, occluders: &Occluders, origin: Vec3) -> [f32; 2] {
+        let samples = &self.samples;
+        self.through.clear();
         for (r, &valid) in samples.valid.iter().enumerate() {
             for lane in bits(valid) {
-                if let Some(t) = s.grid.known(samples.cells[r][lane]) {
-                    s.through[r].0[lane] = t;
-                }
+                self.tracer
+                    .packet
+                    .set(lane, origin, samples.point(r * LANES + lane));
             }
+            let mut through = Row::default();
+            let Tracer { packet, stack, .. } = &mut self.tracer;
+            occluders.transmittance(packet, valid, stack, &mut through.0);
+            self.through.push(through);
         }
+        sums(&samples.weights, &self.through, samples.count)
     }
 }
 
@@ -327,32 +411,34 @@ fn first_valid(samples: &LightSamples) -> Option<usize> {
     Some(row * LANES + samples.valid[row].trailing_zeros() as usize)
 }
 
-/// Visibility and irradiance from each sample's transmittance, or with every valid sample seen.
+/// Visibility and irradiance from each sample's transmittance.
 ///
-/// Sixteen partial sums in `f32`, then one in order. With every transmittance 0 or 1 both ways give the
-/// same bits: counts are exact, and products with 1 are the weights themselves.
-fn sums(samples: &LightSamples, through: Option<&[Row]>) -> [f32; 2] {
+/// Sixteen partial sums in `f32`, then one in order: the same operations whatever was culled.
+fn sums(weights: &[Row], through: &[Row], count: usize) -> [f32; 2] {
     let (mut seen, mut light) = (Row::default(), Row::default());
-    match through {
-        None => {
-            seen.0[0] = samples.valid.iter().map(|v| v.count_ones()).sum::<u32>() as f32;
-            for weights in &samples.weights {
-                for lane in 0..LANES {
-                    light.0[lane] += weights.0[lane];
-                }
-            }
-        }
-        Some(through) => {
-            for (weights, t) in samples.weights.iter().zip(through) {
-                for lane in 0..LANES {
-                    seen.0[lane] += t.0[lane];
-                    light.0[lane] += weights.0[lane] * t.0[lane];
-                }
-            }
+    for (w, t) in weights.iter().zip(through) {
+        for lane in 0..LANES {
+            seen.0[lane] += t.0[lane];
+            light.0[lane] += w.0[lane] * t.0[lane];
         }
     }
     let total = |row: Row| row.0.iter().sum::<f32>();
-    [(total(seen) / samples.count as f32).min(1.0), total(light)]
+    [(total(seen) / count as f32).min(1.0), total(light)]
+}
+
+/// [`sums`] with every valid sample seen, to the bit: counts are exact, and so is a product with 1.
+fn sums_of_valid(samples: &LightSamples) -> [f32; 2] {
+    let mut light = Row::default();
+    for weights in &samples.weights {
+        for lane in 0..LANES {
+            light.0[lane] += weights.0[lane];
+        }
+    }
+    let seen: u32 = samples.valid.iter().map(|v| v.count_ones()).sum();
+    [
+        (seen as f32 / samples.count as f32).min(1.0),
+        light.0.iter().sum(),
+    ]
 }
 
 /// Receivers and lights are in `f64`, rays in `f32`; this is where they meet.
