@@ -22,7 +22,7 @@ $(STAMP): $(VENV)/.tools $(SOURCES)
 
 ## Renders the Stanford bunny's soft shadows with every method into demo/.
 demo: $(STAMP)
-	$(BIN)/python -m softshadow.demo demo
+	$(BIN)/python examples/demo.py demo
 
 ## Runs every test, Rust and Python.
 test: $(STAMP)
@@ -34,9 +34,9 @@ lint: $(STAMP)
 	cargo fmt --check
 	cargo clippy --all-targets --quiet -- -D warnings
 	cargo clippy --all-targets --no-default-features --quiet -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --quiet
-	$(BIN)/ruff format --check python tests benches
-	$(BIN)/ruff check python tests benches
+	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --document-private-items --quiet
+	$(BIN)/ruff format --check python tests benches examples
+	$(BIN)/ruff check python tests benches examples
 	$(BIN)/mypy
 	$(BIN)/stubtest softshadow._core
 

@@ -34,8 +34,8 @@ SIDES = ("softshadow", "softshadow cull=False", "mitsuba scalar_rgb", "mitsuba l
 # slower.
 LIGHT_SAMPLES_PER_RAY = {"mitsuba scalar_rgb": 64, "mitsuba llvm_ad_mono": 8}
 
-# A frame of Mitsuba's that would take longer than this, in seconds, is rendered with fewer samples and
-# scaled; what it would take is predicted from this many samples.
+# A frame of Mitsuba's that would take longer than this, in seconds, is rendered with fewer samples
+# and scaled; what it would take is predicted from this many samples.
 LONGEST_FRAME = 15.0
 PROBE = 64
 

@@ -1,7 +1,7 @@
 //! Sixteen `f32` lanes on whatever the machine has, chosen at run time.
 //!
 //! A kernel is written once, generic over [`Lanes`], marked `#[inline(always)]`, and called through
-//! [`dispatch!`], which wraps it in functions compiled for AVX-512, AVX2 and the baseline. No
+//! `dispatch!`, which wraps it in functions compiled for AVX-512, AVX2 and the baseline. No
 //! operation contracts a multiplication and an addition, so that all three give the same bits.
 
 use std::sync::OnceLock;
@@ -59,7 +59,7 @@ pub fn detect() -> Level {
 ///
 /// # Safety
 /// Every method may only be called where the features of the implementing type are enabled, which
-/// [`dispatch!`] sees to.
+/// `dispatch!` sees to.
 pub trait Lanes: Copy {
     /// All lanes equal.
     ///

@@ -15,6 +15,20 @@ _Bool: TypeAlias = npt.NDArray[np.bool_]
 _Vec: TypeAlias = Any
 _Progress: TypeAlias = Callable[[float], None] | None
 
+__all__ = [
+    "Camera",
+    "Light",
+    "Method",
+    "ParameterError",
+    "Prepared",
+    "Scene",
+    "SceneError",
+    "UnsupportedError",
+    "__version__",
+    "kernels",
+    "prepare",
+]
+
 __version__: str
 kernels: ModuleType
 
@@ -75,6 +89,4 @@ class Prepared:
     def render(self, camera: Camera, progress: _Progress) -> dict[str, Any]: ...
     def visibility(self, points: _F64, normals: _F64 | None, progress: _Progress) -> _F32: ...
 
-def prepare(
-    scene: Scene, lights: list[Light], method: Method, progress: _Progress
-) -> Prepared: ...
+def prepare(scene: Scene, lights: list[Light], method: Method, progress: _Progress) -> Prepared: ...

@@ -131,7 +131,8 @@ class Camera:
     @property
     def eye(self) -> npt.NDArray[np.float64]:
         """The camera's position, shape (3,), world units."""
-        return self.camera_to_world[:3, 3].copy()
+        eye: npt.NDArray[np.float64] = self.camera_to_world[:3, 3].copy()
+        return eye
 
     @property
     def fov_y_deg(self) -> float:
@@ -150,4 +151,5 @@ class Camera:
         return result
 
     def __repr__(self) -> str:
-        return f"Camera(eye={self.eye.tolist()}, {self.width}x{self.height}, fov_y={self.fov_y_deg:.4g}°)"
+        size = f"{self.width}x{self.height}"
+        return f"Camera(eye={self.eye.tolist()}, {size}, fov_y={self.fov_y_deg:.4g}°)"

@@ -179,9 +179,7 @@ def transmittance(
     return result
 
 
-def unshadowed_irradiance(
-    light: Light, points: npt.ArrayLike, normals: npt.ArrayLike
-) -> _Doubles:
+def unshadowed_irradiance(light: Light, points: npt.ArrayLike, normals: npt.ArrayLike) -> _Doubles:
     """Return the irradiance from a whole light of radiance 1, without occluders, in closed form.
 
     Lambert's contour formula; the part of the light under the tangent plane is cut off.

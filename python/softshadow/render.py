@@ -1,4 +1,4 @@
-"""`render`, `visibility`, `prepare`, `compare`'s inner step: what turns a scene into arrays."""
+"""`render`, `visibility` and `prepare`: what turns a scene into arrays."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from softshadow import _core
 from softshadow.camera import Camera
@@ -81,9 +81,11 @@ class _Bar:
 
     def __init__(self, progress: Progress, what: str) -> None:
         self._call = progress if callable(progress) else None
-        self._bar = tqdm(total=1.0, desc=what, bar_format="{l_bar}{bar}| {elapsed}") if (
-            progress is True
-        ) else None
+        self._bar = (
+            tqdm(total=1.0, desc=what, bar_format="{l_bar}{bar}| {elapsed}")
+            if (progress is True)
+            else None
+        )
 
     def __enter__(self) -> Callable[[float], None] | None:
         if self._bar is not None:
@@ -114,9 +116,10 @@ class Prepared:
             raise TypeError(f"scene: expected softshadow.Scene, got {type(scene).__name__}")
         self.method: Method = resolve(method)
         self.lights, self._single = _lights(light)
+        method_core = self.method._to_core()
         with _Bar(progress, f"{self.method.name}: prepare") as report:
             self._core: _core.Prepared = _core.prepare(
-                scene._core, [x._core for x in self.lights], self.method._to_core(), report
+                scene._core, [x._core for x in self.lights], method_core, report
             )
 
     @property

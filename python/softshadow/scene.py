@@ -48,7 +48,8 @@ class Mesh:
 
     def world_vertices(self) -> npt.NDArray[np.float64]:
         """Return the vertices in world space, shape (V, 3)."""
-        return self.vertices @ self.transform[:3, :3].T + self.transform[:3, 3]
+        rotated: npt.NDArray[np.float64] = self.vertices @ self.transform[:3, :3].T
+        return rotated + self.transform[:3, 3]
 
 
 @dataclass
@@ -194,9 +195,7 @@ class Scene:
             is_path = isinstance(mesh, (str, PathLike))
             base = self._free_name(Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
         rgb = as_rgb(albedo, f"mesh {base!r}: albedo")
-        self._core.add_mesh(
-            base, vertices, faces, rgb, float(opacity), bool(casts), bool(receives)
-        )
+        self._core.add_mesh(base, vertices, faces, rgb, float(opacity), bool(casts), bool(receives))
         self._entries[base] = Mesh(
             base, vertices, faces, np.eye(4), rgb, float(opacity), bool(casts), bool(receives)
         )
@@ -243,9 +242,7 @@ class Scene:
         base = self._free_name("spheres") if name is None else name
         rgb = as_rgb(albedo, f"spheres {base!r}: albedo")
         self._core.add_spheres(base, c, r, rgb, float(opacity), bool(casts), bool(receives))
-        self._entries[base] = Spheres(
-            base, c, r, rgb, float(opacity), bool(casts), bool(receives)
-        )
+        self._entries[base] = Spheres(base, c, r, rgb, float(opacity), bool(casts), bool(receives))
         return base
 
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:

@@ -178,9 +178,9 @@ impl PyPrepared {
             for (&pixel, e) in receivers.index.iter().zip(irradiance) {
                 let entry = frame.mesh_id[pixel as usize] as u32;
                 let albedo = geometry.material(entry).albedo;
-                for channel in 0..3 {
-                    frame.radiance[pixel as usize * 3 + channel] +=
-                        albedo[channel] * std::f32::consts::FRAC_1_PI * light.radiance[channel] * e;
+                let out = &mut frame.radiance[pixel as usize * 3..][..3];
+                for ((out, albedo), radiance) in out.iter_mut().zip(albedo).zip(light.radiance) {
+                    *out += albedo * std::f32::consts::FRAC_1_PI * radiance * e;
                 }
             }
         }

@@ -132,6 +132,10 @@ fn fill<T: Sink>(setups: &[Setup], bin: &[u32], tile: Tile, sink: &mut T) {
 /// Compiled once per instruction set; the loops over a span are left to the compiler's vectoriser,
 /// which turns these few independent `f64` operations into whole registers.
 #[inline(always)]
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the instruction set by it"
+)]
 unsafe fn fill_lanes<S: Lanes>(setups: &[Setup], bin: &[u32], tile: Tile, sink: &mut dyn Sink) {
     for &place in bin {
         let setup = &setups[place as usize];

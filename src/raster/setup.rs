@@ -74,8 +74,8 @@ impl RowSetup<'_> {
         for i in 0..SPAN {
             let cx = f64::from(x + i as u32) + 0.5;
             let mut inside = true;
-            for k in 0..3 {
-                inside &= self.terms[k] - e[k].dy * (cx - e[k].x) > e[k].above;
+            for (e, term) in e.iter().zip(self.terms) {
+                inside &= term - e.dy * (cx - e.x) > e.above;
             }
             mask |= u8::from(inside) << i;
         }

@@ -242,7 +242,7 @@ mod tests {
                 next - 1
             })
         };
-        let line = 17 * GRID as u16;
+        let line = 16 * GRID as u16;
         let answers = [0, 31, 33, 1023, 1000, line, line].map(&mut ask);
         assert_eq!(answers, [0, 0, 0, 1, 1, 2, 3]);
     }

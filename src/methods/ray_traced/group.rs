@@ -92,15 +92,9 @@ impl Group {
         let light = sampler.light().bounds();
         let shaft = Shaft::new((low, high), (light.0.as_vec3(), light.1.as_vec3()));
         let occluders = geometry.occluders();
-        if let Some(spheres) = &occluders.spheres {
-            if spheres
-                .tree
-                .nodes
-                .iter()
-                .any(|n| n.count > 0 && shaft.meets(n))
-            {
-                return Found::NotHere;
-            }
+        let spheres = occluders.spheres.as_ref();
+        if spheres.is_some_and(|s| s.tree.nodes.iter().any(|n| n.count > 0 && shaft.meets(n))) {
+            return Found::NotHere;
         }
         let transparent = occluders.transparent.as_ref().map(|(bvh, _)| bvh);
         let found = [Some(&occluders.opaque), transparent]

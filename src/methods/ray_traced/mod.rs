@@ -8,8 +8,8 @@
 //!
 //! **Tracing only what a scene needs** (`cull`). Seen from a receiver, the light changes between hidden
 //! and seen only across silhouette edges (see [`crate::bvh::outline`]). Per group of receivers, the edges
-//! that can be silhouettes in the shaft to the light are collected from the hierarchy ([`group`]); per
-//! receiver, those that are, are drawn conservatively into a grid over the light ([`grid`]). Samples in
+//! that can be silhouettes in the shaft to the light are collected from the hierarchy (`group`); per
+//! receiver, those that are, are drawn conservatively into a grid over the light (`grid`). Samples in
 //! a connected part of the grid that no edge touches share one traced segment; the rest are traced one
 //! by one. A group's segments are sorted by where on the light they end, so that sixteen go together
 //! that are nearly the same. Since every doubt is decided towards tracing, the result is the same to the last bit as
