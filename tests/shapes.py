@@ -10,15 +10,15 @@ QUAD = np.array([[0, 1, 2], [0, 2, 3]])
 def quad(center, edge_u, edge_v):
     """A parallelogram of two triangles; its normal is ``edge_u x edge_v``."""
     c, u, v = (np.asarray(x, dtype=np.float64) for x in (center, edge_u, edge_v))
-    return np.array([c - u / 2 - v / 2, c + u / 2 - v / 2, c + u / 2 + v / 2, c - u / 2 + v / 2]), QUAD
+    return np.array(
+        [c - u / 2 - v / 2, c + u / 2 - v / 2, c + u / 2 + v / 2, c - u / 2 + v / 2]
+    ), QUAD
 
 
 def geodesic(n):
     """A unit sphere of ``20 n**2`` outward triangles without seams: ``(vertices, faces)``."""
     golden = (1 + 5**0.5) / 2
-    corners = np.array(
-        [(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)], dtype=np.float64
-    )
+    corners = np.array([(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)], dtype=np.float64)
     corners = np.concatenate([np.roll(corners, k, axis=1) for k in range(3)])
     near = np.isclose(np.linalg.norm(corners[:, None] - corners[None], axis=-1), 2.0)
     base = [
@@ -70,16 +70,10 @@ def on_grid(vertices, bits):
     return np.round(vertices * 2.0**bits) / 2.0**bits
 
 
-def edges_of(faces):
-    """Every edge once, shape (E, 2)."""
-    both = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    return np.unique(both, axis=0)
-
-
 def is_closed(faces):
     """Whether every directed edge is matched by exactly one in the other direction."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     size = int(faces.max()) + 1
     forward = np.sort(pairs[:, 0] * size + pairs[:, 1])
     backward = np.sort(pairs[:, 1] * size + pairs[:, 0])
-    return len(np.unique(forward)) == len(forward) and np.array_equal(forward, backward)
+    return bool((np.diff(forward) > 0).all() and np.array_equal(forward, backward))
