@@ -182,8 +182,11 @@ impl Light {
         match self.shape {
             Shape::Rect { u, v, .. } => {
                 let corners = rect_corners(d, u, v);
+                if corners.iter().all(|c| n.dot(*c) > 0.0) {
+                    return 1.0;
+                }
                 let clipped = clip_above(&corners, n);
-                let area = polygon_area(&clipped) / u.cross(v).length();
+                let area = polygon_area(clipped.corners()) / u.cross(v).length();
                 area.clamp(0.0, 1.0)
             }
             Shape::Disk { normal, radius, .. } => {
@@ -210,7 +213,7 @@ impl Light {
         let d = self.center() - p;
         let value = match self.shape {
             Shape::Rect { u, v, .. } => {
-                polygon_irradiance(&clip_above(&rect_corners(d, u, v), n), n)
+                polygon_irradiance(clip_above(&rect_corners(d, u, v), n).corners(), n)
             }
             Shape::Disk { normal, radius, .. } => disk_irradiance(d, normal, radius, n),
             Shape::Sphere { radius, .. } => {
@@ -260,16 +263,40 @@ fn rect_corners(d: DVec3, u: DVec3, v: DVec3) -> [DVec3; 4] {
     [d - a - b, d + a - b, d + a + b, d - a + b]
 }
 
+/// A convex polygon of at most five corners: a rectangle cut by a plane.
+struct Polygon {
+    corners: [DVec3; 5],
+    count: usize,
+}
+
+impl Polygon {
+    fn push(&mut self, p: DVec3) {
+        self.corners[self.count] = p;
+        self.count += 1;
+    }
+
+    fn corners(&self) -> &[DVec3] {
+        &self.corners[..self.count]
+    }
+}
+
 /// Sutherland–Hodgman against the plane through the origin with normal `n` (zero: no clipping).
-fn clip_above(polygon: &[DVec3], n: DVec3) -> Vec<DVec3> {
-    let mut out = Vec::with_capacity(polygon.len() + 1);
-    for (i, &a) in polygon.iter().enumerate() {
-        let b = polygon[(i + 1) % polygon.len()];
+///
+/// A corner on the plane is kept, so that a cut adds a corner for every sign change only.
+fn clip_above(rect: &[DVec3; 4], n: DVec3) -> Polygon {
+    let mut out = Polygon {
+        corners: [DVec3::ZERO; 5],
+        count: 0,
+    };
+    for i in 0..4 {
+        let (a, b) = (rect[i], rect[(i + 1) % 4]);
         let (ha, hb) = (n.dot(a), n.dot(b));
         if ha >= 0.0 {
             out.push(a);
         }
-        if (ha > 0.0 && hb < 0.0) || (ha < 0.0 && hb > 0.0) {
+        // Rounding may give a third and fourth sign change only within an ulp of the plane.
+        let crosses = (ha > 0.0 && hb < 0.0) || (ha < 0.0 && hb > 0.0);
+        if crosses && out.count < 5 {
             out.push(a + (b - a) * (ha / (ha - hb)));
         }
     }

@@ -176,40 +176,55 @@ pub fn from_camera(
 ) -> Result<(Surface, Receivers)> {
     let surface = visible_surface(geometry, camera, control)?;
     let (columns, rows) = (camera.width.div_ceil(BLOCK), camera.height.div_ceil(BLOCK));
-    let blocks: Vec<Vec<(DVec3, DVec3, u32)>> = (0..columns * rows)
-        .into_par_iter()
-        .map(|block| {
-            let (x0, y0) = (block % columns * BLOCK, block / columns * BLOCK);
-            let mut found = Vec::new();
-            for y in y0..(y0 + BLOCK).min(camera.height) {
-                for x in x0..(x0 + BLOCK).min(camera.width) {
-                    let pixel = y * camera.width + x;
-                    if let Some((p, n)) = surface_point(geometry, camera, &surface, pixel) {
-                        found.push((p, n, pixel));
-                    }
-                }
-            }
-            found
-        })
-        .collect();
-    let mut receivers = Receivers {
-        groups: vec![0],
-        ..Receivers::default()
+    let pixels_of = |block: u32| {
+        let (x0, y0) = (block % columns * BLOCK, block / columns * BLOCK);
+        let (x1, y1) = (
+            (x0 + BLOCK).min(camera.width),
+            (y0 + BLOCK).min(camera.height),
+        );
+        let hit = |&pixel: &u32| surface.hit[pixel as usize] != Hit::Nothing;
+        (y0..y1)
+            .flat_map(move |y| (x0..x1).map(move |x| y * camera.width + x))
+            .filter(hit)
     };
-    for (p, n, pixel) in blocks
-        .into_iter()
-        .filter(|b| !b.is_empty())
-        .flat_map(|block| {
-            receivers
-                .groups
-                .push(receivers.groups.last().copied().unwrap_or(0) + block.len() as u32);
-            block
-        })
-    {
-        receivers.positions.push(p);
-        receivers.normals.push(n);
-        receivers.index.push(pixel);
+    // Counted first, so that every block's receivers have their place and are found in parallel.
+    let counts: Vec<usize> = (0..columns * rows)
+        .into_par_iter()
+        .map(|block| pixels_of(block).count())
+        .collect();
+    let total = counts.iter().sum();
+    let mut receivers = Receivers {
+        positions: vec![DVec3::ZERO; total],
+        normals: vec![DVec3::ZERO; total],
+        index: vec![0; total],
+        groups: vec![0],
+    };
+    let mut parts = Vec::with_capacity(counts.len());
+    let (mut p, mut n, mut id) = (
+        &mut receivers.positions[..],
+        &mut receivers.normals[..],
+        &mut receivers.index[..],
+    );
+    for (block, &count) in counts.iter().enumerate().filter(|(_, c)| **c > 0) {
+        let here;
+        (here, p) = p.split_at_mut(count);
+        let (normals, rest) = n.split_at_mut(count);
+        n = rest;
+        let (index, rest) = id.split_at_mut(count);
+        id = rest;
+        parts.push((block as u32, here, normals, index));
+        receivers
+            .groups
+            .push(receivers.groups.last().copied().unwrap_or(0) + count as u32);
     }
+    parts
+        .into_par_iter()
+        .for_each(|(block, positions, normals, index)| {
+            for (i, pixel) in pixels_of(block).enumerate() {
+                (positions[i], normals[i]) = surface_point(geometry, camera, &surface, pixel);
+                index[i] = pixel;
+            }
+        });
     Ok((surface, receivers))
 }
 
@@ -315,22 +330,24 @@ fn surface_point(
     camera: &Camera,
     surface: &Surface,
     pixel: u32,
-) -> Option<(DVec3, DVec3)> {
+) -> (DVec3, DVec3) {
     let (x, y) = (pixel % camera.width, pixel / camera.width);
     let d = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
     match surface.hit[pixel as usize] {
-        Hit::Nothing => None,
+        Hit::Nothing => (DVec3::ZERO, DVec3::ZERO),
         Hit::Triangle(face) => {
             let [a, b, c] = geometry.corners(face).map(|v| v.as_dvec3());
             let n = (b - a).cross(c - a);
-            let n = n.try_normalize()?;
+            // A triangle that covers a pixel's centre has an area; were its normal to underflow all the
+            // same, the receiver has no tangent plane.
+            let n = n.normalize_or_zero();
             let slope = n.dot(d);
             let z = surface.depth[pixel as usize];
             // On the triangle's plane; seen exactly edge-on, the rasteriser's depth has to do.
             let exact = n.dot(a - camera.eye) / slope;
             let near = slope != 0.0 && (exact - z).abs() <= 1e-6 * z;
             let p = camera.eye + d * if near { exact } else { z };
-            Some((p, if slope > 0.0 { -n } else { n }))
+            (p, if slope > 0.0 { -n } else { n })
         }
         Hit::Sphere(s) => {
             let sphere = &geometry.spheres[s as usize];
@@ -338,7 +355,7 @@ fn surface_point(
             let n = (p - sphere.center).normalize();
             // Back onto the surface, so that the error does not grow with the eye's distance.
             let p = sphere.center + n * sphere.radius;
-            Some((p, if n.dot(d) > 0.0 { -n } else { n }))
+            (p, if n.dot(d) > 0.0 { -n } else { n })
         }
     }
 }

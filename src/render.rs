@@ -35,9 +35,9 @@ pub fn unshadow(
 
 /// Irradiance of every receiver from a light (local) of radiance 1: the method's own, or the unshadowed
 /// one times visibility over the part of the light above the tangent plane.
-pub fn irradiance(shading: &Shading, receivers: &Receivers, light: &Light) -> Vec<f32> {
-    if let Some(own) = &shading.irradiance {
-        return own.clone();
+pub fn irradiance(shading: Shading, receivers: &Receivers, light: &Light) -> Vec<f32> {
+    if let Some(own) = shading.irradiance {
+        return own;
     }
     let one = |i: usize| {
         let (p, n): (DVec3, DVec3) = (receivers.positions[i], receivers.normals[i]);

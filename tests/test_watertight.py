@@ -1,12 +1,12 @@
 """No ray escapes from a closed body, and no convex body shadows itself, whatever size and place.
 
-The bodies are closed surfaces of 80 thousand to a million triangles. Their vertices lie on a grid of
-multiples of a power of two, and so do the origins of the rays, so that rays can be aimed *exactly* at
-vertices and edges: all of these coordinates, and their small multiples, are exact in single precision.
-Bodies that are scaled by powers of ten or moved lose that exactness, and are shot at anyway.
+The bodies are closed surfaces of 80 thousand to a million triangles. Their vertices lie on a grid
+of multiples of a power of two, and so do the origins of the rays, so that rays can be aimed
+*exactly* at vertices and edges: these coordinates and their small multiples are exact in single
+precision. Bodies that are scaled by powers of ten lose that exactness, and are shot at anyway.
 
-A closed surface that winds around the origin of a ray once, and does not reach the ray's end, is crossed
-by it at least once; where the origin lies behind every triangle's plane, exactly once. Both
+A closed surface that winds around the origin of a ray once, and does not reach the ray's end, is
+crossed by it at least once; where the origin lies behind every triangle's plane, exactly once. Both
 preconditions are checked, not assumed.
 """
 
@@ -174,7 +174,8 @@ def test_a_convex_body_does_not_shadow_itself(kind, light, scale, offset):
     scene = _scene(world, faces)
     above = ss.kernels.light_fraction_above(source, centroids, normals)
     whole = above > 1 - 1e-12  # a clipped polygon's area is rounded
-    assert above.min() == 0 and whole.any()
+    assert above.min() == 0
+    assert whole.any()
     few = ss.RayTraced(samples=64)
     seen = ss.visibility(scene, centroids, normals, source, few)
     # Nothing else is in the scene, so a sample is blocked if and only if it is under the tangent
@@ -190,8 +191,8 @@ def test_a_convex_body_does_not_shadow_itself(kind, light, scale, offset):
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
     area = np.linalg.norm(normals, axis=1)  # twice
     sine = np.einsum("ij,ij->i", normals, to_center) / np.linalg.norm(to_center, axis=1) / area
-    # Rays start four ulps of the scene's half-extent, rounded up to a power of two, over the surface;
-    # one that sinks by less than twice that on its way to the triangle's border may pass over it.
+    # Rays start four ulps of the scene's half-extent, rounded up to a power of two, over the
+    # surface; one that sinks by less than twice that until the triangle ends may pass over it.
     lift = 4 * 2.0**-23 * np.ptp(vertices, axis=0).max()
     grazing = (sine <= 0) & (-sine * area / sides.sum(axis=1) < 2 * lift)
     assert grazing.mean() < 0.01

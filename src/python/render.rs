@@ -7,6 +7,7 @@ use glam::DVec3;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::prelude::*;
 
 use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
 use super::{arrays, run};
@@ -162,39 +163,44 @@ impl PyPrepared {
         let start = Instant::now();
         let camera = world.to_local(&geometry.frame);
         let (surface, receivers) = from_camera(geometry, &camera, control)?;
-        let receivers_done = start.elapsed().as_secs_f64();
+        let receivers_seconds = start.elapsed().as_secs_f64();
         let pixels = camera.pixels();
-        let mut frame = self.surface_arrays(&surface, &receivers, pixels);
-        frame.visibility = vec![1.0; pixels * self.lights.len()];
+        let mut visibility = vec![1.0; pixels * self.lights.len()];
+        let mut irradiances = Vec::with_capacity(self.lights.len());
         let mut shade_seconds = 0.0;
         for (number, light) in self.lights.iter().enumerate() {
             let shade_start = Instant::now();
             let mut shading = self.method.shade(&receivers, number, control)?;
             shade_seconds += shade_start.elapsed().as_secs_f64();
             unshadow(&mut shading, geometry, &surface, &receivers, light);
-            let out = &mut frame.visibility[number * pixels..(number + 1) * pixels];
+            let out = &mut visibility[number * pixels..(number + 1) * pixels];
             scatter(&receivers, &shading.visibility, out);
-            let irradiance = irradiance(&shading, &receivers, light);
-            for (&pixel, e) in receivers.index.iter().zip(irradiance) {
-                let entry = frame.mesh_id[pixel as usize] as u32;
-                let albedo = geometry.material(entry).albedo;
-                let out = &mut frame.radiance[pixel as usize * 3..][..3];
-                for ((out, albedo), radiance) in out.iter_mut().zip(albedo).zip(light.radiance) {
-                    *out += albedo * std::f32::consts::FRAC_1_PI * radiance * e;
-                }
-            }
+            irradiances.push(irradiance(shading, &receivers, light));
         }
+        let mut frame = self.pixel_arrays(&camera, &surface, &receivers, &irradiances);
+        frame.visibility = visibility;
         frame.seconds = vec![
             ("frame", start.elapsed().as_secs_f64()),
-            ("receivers", receivers_done),
+            ("receivers", receivers_seconds),
             ("shade", shade_seconds),
         ];
         Ok(frame)
     }
 
-    /// What does not depend on the light.
-    fn surface_arrays(&self, surface: &Surface, receivers: &Receivers, pixels: usize) -> Frame {
+    /// All arrays but visibility, row by row in parallel.
+    fn pixel_arrays(
+        &self,
+        camera: &Camera,
+        surface: &Surface,
+        receivers: &Receivers,
+        irradiances: &[Vec<f32>],
+    ) -> Frame {
         let geometry = &*self.geometry;
+        let pixels = camera.pixels();
+        let mut receiver_of = vec![u32::MAX; pixels];
+        for (i, &pixel) in receivers.index.iter().enumerate() {
+            receiver_of[pixel as usize] = i as u32;
+        }
         let mut frame = Frame {
             visibility: Vec::new(),
             radiance: vec![0.0; pixels * 3],
@@ -206,21 +212,47 @@ impl PyPrepared {
             triangle_id: vec![-1; pixels],
             seconds: Vec::new(),
         };
-        for (i, &pixel) in receivers.index.iter().enumerate() {
-            let at = pixel as usize;
-            let Some((entry, part)) = surface.hit[at].entry(geometry) else {
-                continue;
-            };
-            frame.mask[at] = true;
-            (frame.mesh_id[at], frame.triangle_id[at]) = (entry as i32, part as i32);
-            frame.depth[at] = (surface.depth[at] * geometry.frame.unit) as f32;
-            let p = geometry.frame.to_world(receivers.positions[i]);
-            let n: DVec3 = receivers.normals[i];
-            for axis in 0..3 {
-                frame.position[at * 3 + axis] = p[axis];
-                frame.normal[at * 3 + axis] = n[axis] as f32;
-            }
-        }
+        let width = camera.width as usize;
+        let places = receiver_of.par_chunks(width).enumerate();
+        places
+            .zip(frame.radiance.par_chunks_mut(3 * width))
+            .zip(frame.mask.par_chunks_mut(width))
+            .zip(frame.position.par_chunks_mut(3 * width))
+            .zip(frame.normal.par_chunks_mut(3 * width))
+            .zip(frame.depth.par_chunks_mut(width))
+            .zip(frame.mesh_id.par_chunks_mut(width))
+            .zip(frame.triangle_id.par_chunks_mut(width))
+            .for_each(|row| {
+                let (row, triangle_id) = row;
+                let (row, mesh_id) = row;
+                let (row, depth) = row;
+                let (row, normal) = row;
+                let (row, position) = row;
+                let (row, mask) = row;
+                let ((y, receiver_of), radiance) = row;
+                for x in 0..width {
+                    let pixel = y * width + x;
+                    let Some((entry, part)) = surface.hit[pixel].entry(geometry) else {
+                        continue;
+                    };
+                    let i = receiver_of[x] as usize;
+                    mask[x] = true;
+                    (mesh_id[x], triangle_id[x]) = (entry as i32, part as i32);
+                    depth[x] = (surface.depth[pixel] * geometry.frame.unit) as f32;
+                    let p = geometry.frame.to_world(receivers.positions[i]);
+                    position[3 * x..3 * x + 3].copy_from_slice(&p.to_array());
+                    let n: DVec3 = receivers.normals[i];
+                    normal[3 * x..3 * x + 3].copy_from_slice(&n.as_vec3().to_array());
+                    let albedo = geometry.material(entry).albedo;
+                    for (light, irradiance) in self.lights.iter().zip(irradiances) {
+                        let e = irradiance[i] * std::f32::consts::FRAC_1_PI;
+                        for channel in 0..3 {
+                            radiance[3 * x + channel] +=
+                                albedo[channel] * light.radiance[channel] * e;
+                        }
+                    }
+                }
+            });
         frame
     }
 }
