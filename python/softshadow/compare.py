@@ -64,9 +64,9 @@ def compare(
 ) -> Comparison:
     """Render a scene with several methods and measure their time, memory and error.
 
-    Each repeat prepares and renders afresh, and the table has the medians. What the scene itself
-    keeps (adjacency, bounding volume hierarchy) is built for the reference already, unless that is
-    an image: with three repeats or more the medians leave it out either way.
+    Each repeat prepares and renders a fresh copy of the scene, so that ``prepare_seconds`` has all
+    that a static scene pays once (adjacency, bounding volume hierarchy, the method's own
+    structures); the table has the medians.
 
     Errors are over the pixels in which the reference hit a surface; with several lights, over the
     stacked ``(L, H, W)`` visibilities, so each light weighs the same.
@@ -121,7 +121,7 @@ def compare(
             try:
                 timed = []
                 for _ in range(repeats):
-                    timed.append(prepare(scene, light, method).render(camera))
+                    timed.append(prepare(scene.copy(), light, method).render(camera))
                     steps.advance()
             except UnsupportedError as error:
                 if methods is not None:

@@ -245,6 +245,19 @@ class Scene:
         self._entries[base] = Spheres(base, c, r, rgb, float(opacity), bool(casts), bool(receives))
         return base
 
+    def copy(self) -> Scene:
+        """Return an independent scene with the same entries, of which nothing is built yet."""
+        other = Scene()
+        for e in self._entries.values():
+            look = (e.name, e.albedo, e.opacity, e.casts, e.receives)
+            if isinstance(e, Mesh):
+                other.add((e.vertices, e.faces), *look)
+                if not np.array_equal(e.transform, np.eye(4)):
+                    other.set_transform(e.name, e.transform)
+            else:
+                other.add_spheres(e.centers, e.radii, *look)
+        return other
+
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
         """Place a mesh; its adjacency and the tree's topology are kept.
 
