@@ -221,6 +221,11 @@ impl Sampler {
         &self.light
     }
 
+    /// Whether the light fills the disk in its [`View`]'s square, and not the square.
+    pub fn is_disk(&self) -> bool {
+        self.flat.is_none_or(|flat| flat.disk)
+    }
+
     /// Samples a receiver.
     pub fn len(&self) -> usize {
         self.pattern.len()

@@ -32,10 +32,8 @@ struct EdgeFunction {
 #[derive(Debug, Clone, Copy)]
 pub struct Setup {
     edges: [EdgeFunction; 3],
-    /// Inverse depth at a point of the image, and its slopes.
-    anchor: [f64; 2],
-    depth: f64,
-    slope: [f64; 2],
+    /// Inverse depth at `(x, y)` is `depth · (x, y, 1)`.
+    depth: DVec3,
     range: [f64; 2],
     /// First column and row whose centres can be inside.
     pub low: [u32; 2],
@@ -60,7 +58,7 @@ impl Setup {
         RowSetup {
             setup: self,
             terms: std::array::from_fn(|i| self.edges[i].dx * (cy - self.edges[i].y)),
-            depth: self.depth + self.slope[1] * (cy - self.anchor[1]),
+            depth: self.depth.y * cy + self.depth.z,
         }
     }
 }
@@ -89,7 +87,7 @@ impl RowSetup<'_> {
         let s = self.setup;
         std::array::from_fn(|i| {
             let cx = f64::from(x + i as u32) + 0.5;
-            (self.depth + s.slope[0] * (cx - s.anchor[0])).clamp(s.range[0], s.range[1])
+            (self.depth + s.depth.x * cx).clamp(s.range[0], s.range[1])
         })
     }
 }
@@ -103,10 +101,17 @@ pub fn triangles(
     emit: &mut impl FnMut(Setup),
 ) {
     let corners = face.map(|v| points[v as usize]);
+    // The triangle's plane n·(x z, y z, z) = d gives 1/z = n·(x, y, 1) / d; from the whole triangle, since
+    // what the near plane leaves of it may have corners millions of pixels away.
+    let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    let depth = n / n.dot(corners[0]);
+    if !depth.is_finite() {
+        return;
+    }
     let in_front = corners.map(|p| p.z >= NEAR);
     match in_front.iter().filter(|f| **f).count() {
         0 => {}
-        3 => emit_one(corners, triangle, camera, emit),
+        3 => emit_one(corners, depth, triangle, camera, emit),
         _ => {
             let mut polygon = [DVec3::ZERO; 4];
             let mut n = 0;
@@ -125,15 +130,33 @@ pub fn triangles(
                     n += 1;
                 }
             }
-            emit_one([polygon[0], polygon[1], polygon[2]], triangle, camera, emit);
+            emit_one(
+                [polygon[0], polygon[1], polygon[2]],
+                depth,
+                triangle,
+                camera,
+                emit,
+            );
             if n == 4 {
-                emit_one([polygon[0], polygon[2], polygon[3]], triangle, camera, emit);
+                emit_one(
+                    [polygon[0], polygon[2], polygon[3]],
+                    depth,
+                    triangle,
+                    camera,
+                    emit,
+                );
             }
         }
     }
 }
 
-fn emit_one(corners: [DVec3; 3], triangle: u32, camera: &Camera, emit: &mut impl FnMut(Setup)) {
+fn emit_one(
+    corners: [DVec3; 3],
+    depth: DVec3,
+    triangle: u32,
+    camera: &Camera,
+    emit: &mut impl FnMut(Setup),
+) {
     let mut s = corners.map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z]);
     let (mut low, mut high) = ([0u32; 2], [0u32; 2]);
     for (axis, size) in [camera.width, camera.height].into_iter().enumerate() {
@@ -150,33 +173,21 @@ fn emit_one(corners: [DVec3; 3], triangle: u32, camera: &Camera, emit: &mut impl
     let cross = |a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]| {
         (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     };
-    let mut area = cross(&s[0], &s[1], &s[2]);
+    let area = cross(&s[0], &s[1], &s[2]);
     if area == 0.0 || !area.is_finite() {
         return;
     }
     if area < 0.0 {
         s.swap(1, 2);
-        area = -area;
     }
     let edges = [edge(&s[0], &s[1]), edge(&s[1], &s[2]), edge(&s[2], &s[0])];
-    // Inverse depth is linear in the image.
-    let (d1, d2) = (s[1][2] - s[0][2], s[2][2] - s[0][2]);
-    let slope = [
-        (d1 * (s[2][1] - s[0][1]) - d2 * (s[1][1] - s[0][1])) / area,
-        (d2 * (s[1][0] - s[0][0]) - d1 * (s[2][0] - s[0][0])) / area,
-    ];
     let range = [
         s[0][2].min(s[1][2]).min(s[2][2]),
         s[0][2].max(s[1][2]).max(s[2][2]),
     ];
-    if !slope.iter().all(|x| x.is_finite()) {
-        return;
-    }
     emit(Setup {
         edges,
-        anchor: [s[0][0], s[0][1]],
-        depth: s[0][2],
-        slope,
+        depth,
         range,
         low,
         high,

@@ -40,9 +40,12 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Forgets everything.
-    pub(super) fn clear(&mut self) {
-        self.marked = [0; GRID];
+    /// Forgets everything; `disk`: the light is the disk in the square.
+    ///
+    /// Edges are only known where they can cross the light. So cells outside of a disk must not connect
+    /// what is in it; the cells that it covers in part may, since it is convex.
+    pub(super) fn clear(&mut self, disk: bool) {
+        self.marked = if disk { OUTSIDE_DISK } else { [0; GRID] };
         self.parts.clear();
     }
 
@@ -151,6 +154,25 @@ impl Grid {
         }
     }
 }
+
+/// The cells that the square's inscribed disk does not reach.
+const OUTSIDE_DISK: [Cells; GRID] = {
+    let half = GRID as i32 / 2;
+    let mut rows = [0; GRID];
+    let mut cell = 0;
+    while cell < GRID * GRID {
+        let (r, c) = (cell / GRID, cell % GRID);
+        // The cell's corner nearest to the middle, in cells from there.
+        let (x, y) = (c as i32 - half, r as i32 - half);
+        let x = if x < 0 { -1 - x } else { x };
+        let y = if y < 0 { -1 - y } else { y };
+        if x * x + y * y >= half * half {
+            rows[r] |= 1 << c;
+        }
+        cell += 1;
+    }
+    rows
+};
 
 /// All bits of `free` that adjoin `seeds` (bits of `free`) without a gap.
 ///

@@ -313,7 +313,7 @@ impl PreparedRayTraced {
                     segment,
                     sums,
                 });
-            } else if settled && s.draw(k) {
+            } else if settled && s.draw(k, light.sampler.is_disk()) {
                 s.pending.push(Pending::Parts {
                     receiver: i,
                     row: s.weights.len(),
@@ -352,8 +352,8 @@ impl PreparedRayTraced {
 
 impl Scratch {
     /// Draws the edges that receiver `k` must heed into the grid; false where that is not possible.
-    fn draw(&mut self, k: usize) -> bool {
-        self.grid.clear();
+    fn draw(&mut self, k: usize, disk: bool) -> bool {
+        self.grid.clear(disk);
         self.group.edges(k).all(|edge| self.grid.mark(edge))
     }
 
