@@ -1,30 +1,12 @@
 //! A grid over the light as one receiver sees it: which cells silhouette edges touch, and which of
 //! the others are connected.
 
-use glam::Vec3;
-
-use crate::sampling::{GRID, View};
-
-/// How far, in cells, an edge's image is thickened at least: the rounding of a clipped and projected
-/// segment is below 0.005 cells (positions 1e-6 of the grid's 32 cells, slopes up to 32 / [`FLAT`]), and
-/// a sample's cell is known to 1e-5 cells.
-const THICKNESS: f32 = 0.01;
+use super::project::Line;
+use crate::sampling::GRID;
 
 /// A segment that rises by less than this, in cells, is drawn over its whole width in every row that it
 /// touches: its slope would amplify rounding.
-const FLAT: f32 = 0.05;
-
-/// An edge of which more than this many cells are in doubt is not drawn; the receiver gives up.
-const WIDEST: f32 = 4.0;
-
-/// An edge as a receiver sees it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct SeenEdge {
-    /// How the receiver sees the light.
-    pub(super) view: View,
-    /// Ends, from the receiver.
-    pub(super) ends: [Vec3; 2],
-}
+pub(super) const FLAT: f32 = 0.05;
 
 /// A row of cells, a bit a column.
 type Cells = u32;
@@ -49,58 +31,18 @@ impl Grid {
         self.parts.clear();
     }
 
-    /// Marks the cells that the edge's image may touch. False: it cannot be said which, because the
-    /// edge comes too close to the receiver.
-    pub(super) fn mark(&mut self, edge: SeenEdge) -> bool {
-        let View { u, v, w } = edge.view;
-        let [a, b] = edge.ends;
-        let steepness = l1(u).max(l1(v)).max(l1(w));
-        // Rounding of three products and their sum, and of the ends and rows themselves: below 8
-        // rounding errors (2⁻²⁴).
-        let doubt = 8.0 / (1 << 24) as f32 * steepness * l1(a).max(l1(b));
-        let at = |p: Vec3| (u.dot(p), v.dot(p), w.dot(p));
-        let ((ua, va, wa), (ub, vb, wb)) = (at(a), at(b));
-        let (mut start, mut end) = (0.0f32, 1.0f32);
-        for (fa, fb) in [(ua, ub), (va, vb), (wa - ua, wb - ub), (wa - va, wb - vb)] {
-            let (fa, fb) = (fa + 2.0 * doubt, fb + 2.0 * doubt);
-            if fa < 0.0 && fb < 0.0 {
-                return true;
-            }
-            if fa < 0.0 {
-                start = start.max(fa / (fa - fb) - 1e-6);
-            } else if fb < 0.0 {
-                end = end.min(fa / (fa - fb) + 1e-6);
-            }
-        }
-        if start > end {
-            return true;
-        }
-        let point = |t: f32| {
-            let w = wa + t * (wb - wa);
-            (ua + t * (ub - ua), va + t * (vb - va), w)
-        };
-        let (p, q) = (point(start), point(end));
-        let nearest = p.2.min(q.2);
-        let size = GRID as f32;
-        let thickness = THICKNESS + 4.0 * size * doubt / nearest;
-        if nearest <= 0.0 || thickness.is_nan() || thickness > WIDEST {
-            return false;
-        }
-        let cell = |p: (f32, f32, f32)| (size * p.0 / p.2, size * p.1 / p.2);
-        self.draw(cell(p), cell(q), thickness);
-        true
-    }
-
-    /// Marks every cell within `thickness` (in both directions) of the segment from `p` to `q`.
-    fn draw(&mut self, p: (f32, f32), q: (f32, f32), thickness: f32) {
-        let (p, q) = if p.1 <= q.1 { (p, q) } else { (q, p) };
-        let rise = q.1 - p.1;
+    /// Marks every cell within the line's thickness (in both directions) of it.
+    pub(super) fn mark(&mut self, line: &Line) {
+        let [p, q] = line.ends;
+        let thickness = line.thickness;
+        let (p, q) = if p[1] <= q[1] { (p, q) } else { (q, p) };
+        let rise = q[1] - p[1];
         // Truncation rounds down where nothing is negative.
         let row = |y: f32| y.clamp(0.0, (GRID - 1) as f32) as i32;
-        for r in row(p.1 - thickness)..=row(q.1 + thickness) {
-            let (mut x0, mut x1) = (p.0, q.0);
+        for r in row(p[1] - thickness)..=row(q[1] + thickness) {
+            let (mut x0, mut x1) = (p[0], q[0]);
             if rise > FLAT {
-                let along = |y: f32| p.0 + (q.0 - p.0) * ((y - p.1) / rise).clamp(0.0, 1.0);
+                let along = |y: f32| p[0] + (q[0] - p[0]) * ((y - p[1]) / rise).clamp(0.0, 1.0);
                 x0 = along(r as f32 - thickness);
                 x1 = along(r as f32 + 1.0 + thickness);
             }
@@ -184,61 +126,42 @@ fn run(seeds: Cells, free: Cells) -> Cells {
     up(filled.reverse_bits(), free.reverse_bits()).reverse_bits()
 }
 
-fn l1(v: Vec3) -> f32 {
-    let a = v.abs();
-    a.x + a.y + a.z
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The receiver sees the light as the unit square at distance 1 along z.
-    fn view() -> View {
-        View {
-            u: Vec3::X,
-            v: Vec3::Y,
-            w: Vec3::Z,
-        }
-    }
-
-    fn edge(a: [f32; 3], b: [f32; 3]) -> SeenEdge {
-        SeenEdge {
-            view: view(),
-            ends: [a.into(), b.into()],
+    fn line(p: [f32; 2], q: [f32; 2]) -> Line {
+        Line {
+            ends: [p, q],
+            thickness: 0.01,
         }
     }
 
     #[test]
-    fn every_cell_that_an_edge_passes_through_is_marked() {
+    fn every_cell_that_a_line_passes_through_is_marked_and_few_others() {
         let ends = [
-            [0.1, 0.2],
-            [0.9, 0.7],
-            [0.5, -0.4],
-            [-2.0, 0.503],
-            [0.3, 0.3],
-            [1.7, 1.1],
+            [3.2, 6.4],
+            [28.8, 22.4],
+            [16.0, 0.0],
+            [0.0, 16.1],
+            [9.6, 9.6],
+            [32.0, 31.9],
         ];
         for a in ends {
             for b in ends {
                 let mut grid = Grid::default();
-                // At half and at 0.8 of the distance: the image is where the ends point to.
-                assert!(grid.mark(edge(
-                    [a[0] * 0.5, a[1] * 0.5, 0.5],
-                    [b[0] * 0.8, b[1] * 0.8, 0.8]
-                )));
+                grid.mark(&line(a, b));
                 for step in 0..=1000 {
                     let t = step as f32 / 1000.0;
                     let (x, y) = (a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]));
-                    let size = GRID as f32;
-                    let (i, j) = ((x * size).floor() as i32, (y * size).floor() as i32);
-                    if (0..32).contains(&i) && (0..32).contains(&j) {
-                        assert!(grid.marked[j as usize] >> i & 1 == 1, "{a:?} {b:?} {i} {j}");
+                    let (i, j) = (x.floor() as usize, y.floor() as usize);
+                    if i < GRID && j < GRID {
+                        assert!(grid.marked[j] >> i & 1 == 1, "{a:?} {b:?} {i} {j}");
                     }
                 }
                 let cells: u32 = grid.marked.iter().map(|r| r.count_ones()).sum();
                 assert!(
-                    cells <= 96,
+                    cells <= 72,
                     "{a:?} {b:?}: {cells} cells for at most 63 that it crosses"
                 );
             }
@@ -246,17 +169,9 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_through_the_receiver_gives_up_and_one_behind_it_marks_nothing() {
-        let mut grid = Grid::default();
-        assert!(!grid.mark(edge([0.0, 0.0, 0.0], [0.3, 0.3, 0.5])));
-        assert!(grid.mark(edge([0.0, 0.1, -0.5], [0.3, 0.3, -0.2])));
-        assert_eq!(grid.marked, [0; GRID]);
-    }
-
-    #[test]
     fn a_line_across_the_light_leaves_two_parts() {
         let mut grid = Grid::default();
-        assert!(grid.mark(edge([-0.1, 0.52, 1.0], [1.1, 0.55, 1.0])));
+        grid.mark(&line([0.0, 16.7], [32.0, 17.5]));
         let mut next = 0;
         let mut ask = |cell: u16| {
             grid.segment(cell, || {

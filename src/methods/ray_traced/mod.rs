@@ -9,7 +9,8 @@
 //! **Tracing only what a scene needs** (`cull`). Seen from a receiver, the light changes between hidden
 //! and seen only across silhouette edges (see [`crate::bvh::outline`]). Per group of receivers, the edges
 //! that can be silhouettes in the shaft to the light are collected from the hierarchy (`group`); per
-//! receiver, those that are, are drawn conservatively into a grid over the light (`grid`). Samples in
+//! receiver, those that are, are projected onto the light (`project`) and drawn conservatively into a grid
+//! over it (`grid`). Samples in
 //! a connected part of the grid that no edge touches share one traced segment; the rest are traced one
 //! by one. A group's segments are sorted by where on the light they end, so that sixteen go together
 //! that are nearly the same. Since every doubt is decided towards tracing, the result is the same to the last bit as
@@ -21,10 +22,11 @@
 
 mod grid;
 mod group;
+mod project;
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{Method, Prepared, Shading};
@@ -304,23 +306,27 @@ impl PreparedRayTraced {
                 put(i, [0.0; 2]);
                 continue;
             };
-            let settled = known && s.group.has_view(k);
-            if settled && binary && s.group.edges(k).next().is_none() {
-                let segment = s.tracer.add(k, first, s.samples.point(first));
-                let sums = sums_of_valid(&s.samples);
-                s.pending.push(Pending::Whole {
-                    receiver: i,
-                    segment,
-                    sums,
-                });
-            } else if settled && s.draw(k, light.sampler.is_disk()) {
-                s.pending.push(Pending::Parts {
-                    receiver: i,
-                    row: s.weights.len(),
-                });
-                s.share_segments(k);
-            } else {
-                put(i, s.trace_all(occluders, s.origins[k]));
+            let lines = if known { s.group.lines(k) } else { None };
+            match lines {
+                Some([]) if binary => {
+                    let segment = s.tracer.add(k, first, s.samples.point(first));
+                    let sums = sums_of_valid(&s.samples);
+                    s.pending.push(Pending::Whole {
+                        receiver: i,
+                        segment,
+                        sums,
+                    });
+                }
+                Some(lines) => {
+                    s.grid.clear(light.sampler.is_disk());
+                    lines.iter().for_each(|line| s.grid.mark(line));
+                    s.pending.push(Pending::Parts {
+                        receiver: i,
+                        row: s.weights.len(),
+                    });
+                    s.share_segments(k);
+                }
+                None => put(i, s.trace_all(occluders, s.origins[k])),
             }
         }
         s.tracer.trace(occluders, &s.origins);
@@ -351,12 +357,6 @@ impl PreparedRayTraced {
 }
 
 impl Scratch {
-    /// Draws the edges that receiver `k` must heed into the grid; false where that is not possible.
-    fn draw(&mut self, k: usize, disk: bool) -> bool {
-        self.grid.clear(disk);
-        self.group.edges(k).all(|edge| self.grid.mark(edge))
-    }
-
     /// Finds the segments that answer for the samples of receiver `k`, which are at hand.
     fn share_segments(&mut self, k: usize) {
         self.samples.find_cells();
@@ -439,10 +439,4 @@ fn sums_of_valid(samples: &LightSamples) -> [f32; 2] {
         (seen as f32 / samples.count as f32).min(1.0),
         light.0.iter().sum(),
     ]
-}
-
-/// Receivers and lights are in `f64`, rays in `f32`; this is where they meet.
-#[inline]
-fn relative(p: Vec3, origin: Vec3) -> Vec3 {
-    (p.as_dvec3() - DVec3::from(origin)).as_vec3()
 }
