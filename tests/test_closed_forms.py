@@ -2,14 +2,16 @@
 
 `ray_traced` is held to what its sampler guarantees. With ``N = 2**m`` samples on a flat light the
 samples are a (0, m, 2)-net: every elementary interval of area ``1 / N`` of the light's square holds
-exactly one. So the share of samples on one side of a line parallel to an edge of the light is right
-to ``1 / N``, that in a corner's rectangle to ``(m / 2 + 3 / 2) / N`` (Niederreiter 1992, Theorem
-4.14), and along any other curve only the ``sqrt(N)`` by ``sqrt(N)`` cells that it cuts are uncertain.
+exactly one. So the share of samples on one side of a line parallel to an edge of the light is
+right to ``1 / N``, that in a corner's rectangle to ``(m / 2 + 3 / 2) / N`` (Niederreiter 1992,
+Theorem 4.14), and along any other curve only those of ``sqrt(N)`` by ``sqrt(N)`` cells that it cuts
+are uncertain.
 """
 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 import os
 import subprocess
@@ -18,7 +20,6 @@ import sys
 import numpy as np
 import pytest
 import softshadow as ss
-import trimesh
 from scipy.integrate import quad as integrate
 from shapes import QUAD, bumpy, geodesic, quad
 
@@ -72,7 +73,7 @@ def _rect_integral(light, p, n, weight):
     if g != 0:
         breaks += [b for t in (-0.5, 0.5) if abs(b := -height(0.0, t) / g) < 0.5]
     breaks = np.sort(breaks)
-    parts = zip(breaks[:-1], breaks[1:], strict=True)
+    parts = itertools.pairwise(breaks)
     return sum(integrate(inner, a, b, epsabs=1e-12, epsrel=1e-10)[0] for a, b in parts)
 
 
@@ -119,7 +120,7 @@ def _cap_integral(direction, sine, n):
     alpha = math.asin(sine)
     tangent = abs(math.pi / 2 - math.acos(max(-1.0, min(1.0, cos_n))))
     kinks = sorted({0.0, min(tangent, alpha), alpha})
-    parts = list(zip(kinks[:-1], kinks[1:], strict=True))
+    parts = list(itertools.pairwise(kinks))
     options = {"epsabs": 1e-13, "epsrel": 1e-10, "limit": 200}
     total = sum(integrate(light, a, b, **options)[0] for a, b in parts)
     angle = sum(integrate(lambda t: 2 * arc(t) * math.sin(t), a, b, **options)[0] for a, b in parts)
@@ -200,7 +201,7 @@ def test_the_radiance_of_an_unoccluded_light_is_its_integral(name):
 
 
 def _random_case(kind, rng):
-    """A light of up to 0.8 of its distance in half-size, anywhere around a point with any normal."""
+    """A light anywhere, of up to 0.8 of its distance in half-size, and a point with any normal."""
     c, p, n = rng.normal(size=3), rng.normal(size=3), _unit(rng.normal(size=3))
     reach = rng.uniform(0.05, 0.8) * np.linalg.norm(c - p)
     if kind == "sphere":
@@ -237,7 +238,7 @@ def test_irradiance_and_fraction_of_lights_anywhere(kind):
 
 @pytest.mark.parametrize("name", OVERHEAD)
 def test_textbook_irradiance_on_the_axis(name):
-    """Below the middle of a light that faces down (Howell's catalogue, B-13 and C-2; spheres: π sin²)."""
+    """Below the middle of a light: textbook configuration factors (Howell's catalogue)."""
     p, n, h = [(0.0, 0.0, 0.0)], [(0.0, 0.0, 1.0)], 1.7
     if name == "rect":
         a, b = 0.45, 0.3  # half edges
@@ -261,8 +262,8 @@ def test_the_ray_traced_radiance_of_an_unoccluded_light_converges_to_its_integra
     irradiance, fraction = _expected(image, light)
     expected = irradiance[:, None] * ALBEDO / math.pi * np.array(light.radiance)
     relative = np.abs(image.radiance[image.mask] / expected - 1)
-    # A scrambled net's variance is at most e times plain sampling's (Owen 1997); a sample's standard
-    # deviation is found from the very weights at one floor point, over its mean.
+    # A scrambled net's variance is at most e times plain sampling's (Owen 1997); a sample's
+    # standard deviation is found from the very weights at one floor point, over its mean.
     worst = 0.0
     for p in image.position[image.mask]:
         points, weights, _ = ss.kernels.light_samples(light, p, 1024)
@@ -357,7 +358,7 @@ def test_a_half_plane_under_a_spherical_light():
     expected = np.array(expected)
     assert ((expected > 0.01) & (expected < 0.99)).sum() > 50
     error = seen - expected
-    # The line is bent by the map from the square to the cap into at most four monotone pieces, which
+    # The map from the square to the cap bends the line into at most four monotone pieces, which
     # cut at most 4 sqrt(N) cells: a standard deviation of N**-0.75.
     assert np.abs(error).max() < 5 * N**-0.75
     assert np.sqrt((error**2).mean()) < N**-0.75
@@ -378,7 +379,7 @@ def test_the_packaged_half_plane_has_the_same_closed_form(kind):
 
 def test_a_hard_shadow_of_a_half_plane_is_a_step():
     points, seen = _scanline(ss.SphereLight((0.1, 0, HEIGHT), 0.2), "hard")
-    # The ray to the centre passes x = 0 at the blocker's height for x = -0.1 BLOCKER / (1 - BLOCKER).
+    # The ray to the centre meets the blocker's edge for x = -0.1 BLOCKER / (1 - BLOCKER).
     step = -0.1 * BLOCKER / (HEIGHT - BLOCKER)
     clear = np.abs(points[:, 0] - step) > 1e-5
     assert np.array_equal(seen[clear], (points[clear, 0] > step).astype(np.float32))
