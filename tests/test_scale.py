@@ -82,8 +82,8 @@ def test_scaled_by_a_power_of_ten_all_but_a_handful_of_pixels_are_the_same(
     image = ss.render(*_world(10.0**power, kind=kind), METHODS[method])
     surface, seen, error = _compare(image, plain, method)
     # Vertices are rounded to single precision elsewhere: 6e-8 of the scene. A pixel is 1e-2 of it,
-    # so 1e-5 of the pixels next to an edge change their surface; a sample of 64, whose shadow's edge
-    # moves as little, changes in 64 times as many penumbra pixels. Measured: at most 2 of 9,216.
+    # so 1e-5 of the pixels next to an edge change their surface; a sample of 64, whose shadow's
+    # edge moves as little, changes in 64 times as many penumbra pixels. Measured: 0 or 1 of 9,216.
     assert surface <= 1 / SIZE**2
     assert seen <= (4 if method == "ray_traced" else 1) / SIZE**2
     assert error < 1.2e-5  # the normals' turn
