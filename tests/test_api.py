@@ -275,6 +275,9 @@ BUSY = {
     "render, most samples": lambda: ss.render(
         _scene(64), CAMERA, LIGHT, ss.RayTraced(samples=65536, cull=False)
     ),
+    "render, most samples and veils": lambda: ss.render(
+        _veils(), CAMERA, LIGHT, ss.RayTraced(samples=65536, cull=False)
+    ),
     "visibility": lambda: ss.visibility(_scene(64), _points(500_000), None, LIGHT, SLOW),
     "transparent": lambda: ss.visibility(_veils(), _points(200_000), None, LIGHT, SLOW),
 }
