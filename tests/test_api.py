@@ -265,6 +265,9 @@ def _seconds_to_interrupt(call, after=0.5):
         sender.join()
 
 
+BELOW = ss.Camera((0.4, -2.5, 0.8), (0, 0, 0.1), width=40, height=30)
+
+
 def _points(n):
     rng = np.random.default_rng(1)
     return rng.uniform((-2, -2, 0), (2, 2, 0.1), (n, 3))
@@ -276,16 +279,16 @@ BUSY = {
         _scene(64), CAMERA, LIGHT, ss.RayTraced(samples=65536, cull=False)
     ),
     "render, most samples and veils": lambda: ss.render(
-        _veils(), CAMERA, LIGHT, ss.RayTraced(samples=65536, cull=False)
+        _veils(4), BELOW, LIGHT, ss.RayTraced(samples=65536, cull=False)
     ),
     "visibility": lambda: ss.visibility(_scene(64), _points(500_000), None, LIGHT, SLOW),
     "transparent": lambda: ss.visibility(_veils(), _points(200_000), None, LIGHT, SLOW),
 }
 
 
-def _veils():
+def _veils(count=40):
     scene = _scene(16)
-    for k in range(40):
+    for k in range(count):
         scene.add(quad((0, 0, 1 + 0.02 * k), (6, 0, 0), (0, 6, 0)), opacity=0.01)
     return scene
 
