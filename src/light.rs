@@ -367,10 +367,13 @@ fn cap_fraction_above(cos: f64, sin: f64) -> f64 {
 fn disk_irradiance(d: DVec3, m: DVec3, radius: f64, n: DVec3) -> f64 {
     let in_plane = d - d.dot(m) * m;
     let offset = in_plane.length();
-    let e1 = if offset > 0.0 {
-        in_plane / offset
+    // On the axis the part in the plane is rounding, and not even perpendicular to it. Taking an offset of
+    // less than 1e-8 for none moves the disk by 1e-8 of its distance.
+    let on_axis = offset <= 1e-8 * d.length();
+    let (e1, offset) = if on_axis {
+        (m.any_orthonormal_vector(), 0.0)
     } else {
-        m.any_orthonormal_vector()
+        (in_plane / offset, offset)
     };
     let e2 = m.cross(e1);
     // Height over the tangent plane at φ: h0 + h1 cos(φ - φ0).

@@ -48,6 +48,11 @@ impl Receivers {
         self.positions.is_empty()
     }
 
+    /// Number of groups: the steps in which a method answers under one light.
+    pub fn group_count(&self) -> usize {
+        self.groups.len().saturating_sub(1)
+    }
+
     /// Ranges of receivers that are neighbours.
     pub fn group_ranges(&self) -> impl IndexedParallelIterator<Item = std::ops::Range<usize>> {
         self.groups

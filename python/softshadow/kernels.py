@@ -40,7 +40,11 @@ def _points(array: npt.ArrayLike, what: str) -> _Doubles:
 
 def _faces(array: npt.ArrayLike) -> npt.NDArray[np.int64]:
     result = np.asarray(array)
-    if result.dtype.kind not in "iu":
+    if result.shape == (0,):  # an empty list
+        result = result.reshape(0, 3)
+    if result.ndim != 2 or result.shape[1] != 3:
+        raise ValueError(f"faces: expected shape (F, 3), got {result.shape}")
+    if result.size and result.dtype.kind not in "iu":
         raise TypeError(f"faces: expected integers, got dtype {result.dtype}")
     return np.ascontiguousarray(result, dtype=np.int64)
 

@@ -330,7 +330,12 @@ def _as_vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def _arrays(mesh: MeshLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Return contiguous, private copies of a mesh's vertices and faces."""
     if isinstance(mesh, (str, PathLike)):
-        return _arrays(_read(mesh))
+        try:
+            return _arrays(_read(mesh))
+        except ValueError as error:
+            if str(error).startswith(str(mesh)):
+                raise
+            raise ValueError(f"{mesh}: {error}") from None
     if isinstance(mesh, trimesh.Scene):
         mesh = _flatten(mesh)
     if isinstance(mesh, trimesh.PointCloud):

@@ -53,7 +53,6 @@ impl Prepared for PreparedHard {
         let size = light.center().abs().max_element().max(1.0);
         let lift = light.normal().unwrap_or_default() * (POINT_OFFSET * size);
         let target = (light.center() + lift).as_vec3();
-        control.expect(receivers.groups.len().saturating_sub(1));
         let parts: Vec<Vec<f32>> = receivers
             .group_ranges()
             .map_init(

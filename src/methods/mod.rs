@@ -47,7 +47,7 @@ pub trait Method: Send + Sync {
 
 /// A method that is ready to answer.
 pub trait Prepared: Send + Sync {
-    /// Answers for all receivers under light number `light`.
+    /// Answers for all receivers under light number `light`, with one [`Control::step`] a group.
     ///
     /// # Errors
     /// [`crate::error::Error::Cancelled`].

@@ -99,7 +99,7 @@ pub(super) mod kernels {
         let vertices = arrays::points(&vertices, "vertices")?;
         let faces = arrays::faces(&faces, "faces")?;
         let world = camera.0;
-        let (ids, depths) = run(py, progress.as_ref(), |control| {
+        let (ids, depths) = run(py, progress.as_ref(), move |control| {
             let mut scene = Scene::default();
             let material = Material {
                 albedo: [0.0; 3],
@@ -156,8 +156,9 @@ pub(super) mod kernels {
         }
         crate::mesh::check_finite("origins", "point", &origins)?;
         crate::mesh::check_finite("targets", "point", &targets)?;
-        let out = run(py, progress.as_ref(), |control| {
-            let geometry = scene.lock().geometry()?;
+        let scene = scene.shared();
+        let out = run(py, progress.as_ref(), move |control| {
+            let geometry = scene.geometry()?;
             let occluders = geometry.occluders();
             let chunks = origins
                 .par_chunks(64 * LANES)

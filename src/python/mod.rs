@@ -12,7 +12,9 @@ mod kernels;
 mod objects;
 mod render;
 
-use std::sync::mpsc;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 use pyo3::create_exception;
@@ -60,58 +62,52 @@ impl From<Error> for PyErr {
 /// Runs a kernel on another thread without the interpreter lock.
 ///
 /// Meanwhile this thread looks for signals and tells `progress` the finished fraction; an interrupt, or
-/// an exception from `progress`, stops the kernel and is what the caller gets.
-fn run<T: Send>(
+/// an exception from `progress`, stops the kernel and is what the caller gets. A kernel that is inside a
+/// step without an end of its own (the building of a large hierarchy) is left to finish on its thread,
+/// its result dropped.
+fn run<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Py<PyAny>>,
-    work: impl FnOnce(&Control) -> Result<T> + Send,
+    work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
-    let control = Control::default();
-    let mut interrupted: Option<PyErr> = None;
-    let result = py.detach(|| {
-        std::thread::scope(|scope| {
-            let (finished, wait) = mpsc::channel::<()>();
-            let control = &control;
-            let worker = scope.spawn(move || {
-                let result = work(control);
-                drop(finished);
-                result
-            });
-            while let Err(mpsc::RecvTimeoutError::Timeout) = wait.recv_timeout(POLL) {
-                if interrupted.is_some() {
-                    continue;
-                }
-                let seen = Python::attach(|py| {
-                    py.check_signals()?;
-                    if let Some(progress) = progress {
-                        progress.call1(py, (control.fraction(),))?;
-                    }
-                    Ok(())
-                });
-                if let Err(error) = seen {
-                    interrupted = Some(error);
-                    control.cancel();
-                }
-            }
-            worker.join()
-        })
-    });
-    if let Some(error) = interrupted {
-        return Err(error);
-    }
-    match result {
-        Ok(value) => Ok(value?),
-        Err(panic) => {
-            let text = panic
-                .downcast_ref::<String>()
-                .map(String::as_str)
-                .or(panic.downcast_ref::<&str>().copied())
-                .unwrap_or("no message");
-            Err(PyRuntimeError::new_err(format!(
-                "internal error, please report it: {text}"
-            )))
+    let control = Arc::new(Control::default());
+    let (finished, mut wait) = mpsc::channel();
+    let shared = control.clone();
+    std::thread::Builder::new()
+        .name("softshadow".into())
+        .spawn(move || {
+            let result = catch_unwind(AssertUnwindSafe(|| work(&shared)));
+            // Nobody listens any more when the caller was interrupted.
+            let _ = finished.send(result);
+        })?;
+    loop {
+        // Exclusive, since a receiver may only be used by one thread at a time.
+        let exclusive = &mut wait;
+        match py.detach(move || exclusive.recv_timeout(POLL)) {
+            Ok(Ok(result)) => return Ok(result?),
+            Ok(Err(panic)) => return Err(internal_error(panic.as_ref())),
+            Err(mpsc::RecvTimeoutError::Disconnected) => return Err(internal_error(&"no result")),
+            Err(mpsc::RecvTimeoutError::Timeout) => {}
+        }
+        let told = progress.map_or(Ok(()), |p| p.call1(py, (control.fraction(),)).map(drop));
+        if let Err(error) = py.check_signals().and(told) {
+            control.cancel();
+            // Most kernels stop within a step; then nothing of theirs runs on behind the caller's back.
+            let exclusive = &mut wait;
+            let _ = py.detach(move || exclusive.recv_timeout(2 * POLL));
+            return Err(error);
         }
     }
+}
+
+/// What a panic becomes: it is a defect here, never the caller's.
+fn internal_error(panic: &(dyn Any + Send)) -> PyErr {
+    let text = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or(panic.downcast_ref::<&str>().copied())
+        .unwrap_or("no message");
+    PyRuntimeError::new_err(format!("internal error, please report it: {text}"))
 }
 
 #[pymodule]

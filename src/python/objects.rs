@@ -1,6 +1,6 @@
 //! Scene, camera, light and method objects that the Python classes hold.
 
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DAffine3, DMat3, DVec3};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use super::arrays;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Method;
 use crate::methods::hard::Hard;
@@ -18,14 +19,31 @@ use crate::scene::{Material, Scene};
 /// A scene behind a lock, so that Python threads can share it.
 #[pyclass(name = "Scene", module = "softshadow._core", frozen)]
 #[derive(Default)]
-pub(super) struct PyScene(Mutex<Scene>);
+pub(super) struct PyScene(Arc<Mutex<Scene>>);
 
 impl PyScene {
-    /// The scene. A lock poisoned by a panic is taken over: every change to a scene is made at its end.
-    pub(super) fn lock(&self) -> MutexGuard<'_, Scene> {
+    /// A handle on the scene, for kernels that outlive the call.
+    pub(super) fn shared(&self) -> SharedScene {
+        SharedScene(self.0.clone())
+    }
+
+    /// Does something with the scene.
+    fn with<T>(&self, f: impl FnOnce(&mut Scene) -> T) -> T {
+        // A lock poisoned by a panic is taken over: every change to a scene is made at its end.
+        f(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// A scene that Python and kernels share.
+pub(super) struct SharedScene(Arc<Mutex<Scene>>);
+
+impl SharedScene {
+    /// The snapshot of the scene as it is now.
+    pub(super) fn geometry(&self) -> Result<Arc<Geometry>> {
         self.0
             .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner)
+            .unwrap_or_else(PoisonError::into_inner)
+            .geometry()
     }
 }
 
@@ -58,7 +76,7 @@ impl PyScene {
             casts,
             receives,
         };
-        py.detach(|| self.lock().add_mesh(name, vertices, &faces, material))
+        py.detach(|| self.with(|scene| scene.add_mesh(name, vertices, &faces, material)))
     }
 
     #[pyo3(signature = (name, centers, radii, albedo, opacity, casts, receives))]
@@ -80,8 +98,7 @@ impl PyScene {
             casts,
             receives,
         };
-        self.lock()
-            .add_spheres(name, &centers, &arrays::values(&radii), material)
+        self.with(|scene| scene.add_spheres(name, &centers, &arrays::values(&radii), material))
     }
 
     fn set_transform(&self, name: &str, matrix: PyReadonlyArray2<'_, f64>) -> Result<()> {
@@ -93,7 +110,7 @@ impl PyScene {
                 format!("expected a last row 0 0 0 1, got {}", m.row(3)),
             ));
         }
-        self.lock().set_transform(name, DAffine3::from_mat4(m))
+        self.with(|scene| scene.set_transform(name, DAffine3::from_mat4(m)))
     }
 
     fn set_vertices(
@@ -103,7 +120,7 @@ impl PyScene {
         vertices: PyReadonlyArray2<'_, f64>,
     ) -> Result<()> {
         let vertices = arrays::points(&vertices, &format!("mesh {name:?}"))?;
-        py.detach(|| self.lock().set_vertices(name, vertices))
+        py.detach(|| self.with(|scene| scene.set_vertices(name, vertices)))
     }
 }
 
@@ -168,13 +185,13 @@ impl PyCamera {
 
 /// A method with its parameters.
 #[pyclass(name = "Method", module = "softshadow._core", frozen)]
-pub(super) struct PyMethod(pub(super) Box<dyn Method>);
+pub(super) struct PyMethod(pub(super) Arc<dyn Method>);
 
 #[pymethods]
 impl PyMethod {
     #[staticmethod]
     fn hard() -> Self {
-        PyMethod(Box::new(Hard))
+        PyMethod(Arc::new(Hard))
     }
 
     #[staticmethod]
@@ -188,7 +205,7 @@ impl PyMethod {
                 return Err(Error::parameter("RayTraced", reason));
             }
         };
-        Ok(PyMethod(Box::new(RayTraced::new(
+        Ok(PyMethod(Arc::new(RayTraced::new(
             samples, seed, fixed, cull,
         )?)))
     }

@@ -22,7 +22,10 @@ use crate::render::{irradiance, unshadow};
 
 /// A method, prepared for a scene and its lights.
 #[pyclass(name = "Prepared", module = "softshadow._core", frozen)]
-pub(super) struct PyPrepared {
+pub(super) struct PyPrepared(Arc<Ready>);
+
+/// What kernels share with the Python object.
+struct Ready {
     geometry: Arc<Geometry>,
     lights: Vec<Light>,
     method: Box<dyn Prepared>,
@@ -40,10 +43,11 @@ pub(super) fn prepare(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<PyPrepared> {
     let lights: Vec<Light> = lights.iter().map(|l| l.0).collect();
-    let method = &*method.0;
+    let method = method.0.clone();
+    let scene = scene.shared();
     run(py, progress.as_ref(), move |control| {
         let start = Instant::now();
-        let geometry = scene.lock().geometry()?;
+        let geometry = scene.geometry()?;
         let geometry_seconds = start.elapsed().as_secs_f64();
         let prepared = method.prepare(geometry.clone(), &lights, control)?;
         let total = start.elapsed().as_secs_f64();
@@ -53,12 +57,12 @@ pub(super) fn prepare(
             ("structures", total - geometry_seconds),
         ];
         let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
-        Ok(PyPrepared {
+        Ok(PyPrepared(Arc::new(Ready {
             geometry,
             lights,
             method: prepared,
             seconds,
-        })
+        })))
     })
 }
 
@@ -79,7 +83,7 @@ struct Frame {
 impl PyPrepared {
     #[getter]
     fn seconds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        dictionary(py, &self.seconds)
+        dictionary(py, &self.0.seconds)
     }
 
     #[pyo3(signature = (camera, progress))]
@@ -90,10 +94,13 @@ impl PyPrepared {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let world = camera.0;
-        let frame = run(py, progress.as_ref(), |control| self.frame(&world, control))?;
+        let ready = self.0.clone();
+        let frame = run(py, progress.as_ref(), move |control| {
+            ready.frame(&world, control)
+        })?;
         let (h, w) = (world.height as usize, world.width as usize);
         let out = PyDict::new(py);
-        let lights = self.lights.len();
+        let lights = self.0.lights.len();
         out.set_item(
             "visibility",
             PyArray1::from_vec(py, frame.visibility).reshape([lights, h, w])?,
@@ -123,9 +130,15 @@ impl PyPrepared {
             "triangle_id",
             PyArray1::from_vec(py, frame.triangle_id).reshape([h, w])?,
         )?;
-        let all: Vec<_> = self.seconds.iter().chain(&frame.seconds).copied().collect();
+        let all: Vec<_> = self
+            .0
+            .seconds
+            .iter()
+            .chain(&frame.seconds)
+            .copied()
+            .collect();
         out.set_item("seconds", dictionary(py, &all)?)?;
-        out.set_item("bytes", self.method.bytes())?;
+        out.set_item("bytes", self.0.method.bytes())?;
         Ok(out)
     }
 
@@ -144,26 +157,30 @@ impl PyPrepared {
             return Err(Error::parameter("normals", reason).into());
         }
         let n = points.len();
-        let flat = run(py, progress.as_ref(), |control| {
-            let receivers = Receivers::from_points(&self.geometry, &points, normals.as_deref())?;
-            let mut out = vec![0.0; n * self.lights.len()];
+        let ready = self.0.clone();
+        let flat = run(py, progress.as_ref(), move |control| {
+            let receivers = Receivers::from_points(&ready.geometry, &points, normals.as_deref())?;
+            control.expect(ready.lights.len() * receivers.group_count());
+            let mut out = vec![0.0; n * ready.lights.len()];
             for (light, out) in out.chunks_mut(n.max(1)).enumerate() {
-                let shading = self.method.shade(&receivers, light, control)?;
+                let shading = ready.method.shade(&receivers, light, control)?;
                 scatter(&receivers, &shading.visibility, out);
             }
             Ok(out)
         })?;
-        PyArray1::from_vec(py, flat).reshape([self.lights.len(), n])
+        PyArray1::from_vec(py, flat).reshape([self.0.lights.len(), n])
     }
 }
 
-impl PyPrepared {
+impl Ready {
     fn frame(&self, world: &Camera, control: &Control) -> Result<Frame> {
         let geometry = &*self.geometry;
         let start = Instant::now();
         let camera = world.to_local(&geometry.frame);
+        check_memory(&camera, self.lights.len())?;
         let (surface, receivers) = from_camera(geometry, &camera, control)?;
         let receivers_seconds = start.elapsed().as_secs_f64();
+        control.expect(self.lights.len() * receivers.group_count());
         let pixels = camera.pixels();
         let mut visibility = vec![1.0; pixels * self.lights.len()];
         let mut irradiances = Vec::with_capacity(self.lights.len());
@@ -255,6 +272,27 @@ impl PyPrepared {
             });
         frame
     }
+}
+
+/// Bytes that a pixel takes at the same time: 16 of the surface, 60 of its receiver, 66 of the arrays, and
+/// as much again while they are filled.
+const PIXEL_BYTES: usize = 256;
+
+/// Bytes that a light adds to a pixel: visibility and irradiance, while they are found and kept.
+const LIGHT_BYTES: usize = 24;
+
+/// Asks for all of an image's memory at once, so that what cannot be had is an error and not the end of the
+/// process.
+fn check_memory(camera: &Camera, lights: usize) -> Result<()> {
+    let bytes = (PIXEL_BYTES + LIGHT_BYTES * lights).saturating_mul(camera.pixels());
+    if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
+        return Ok(());
+    }
+    let (width, height) = (camera.width, camera.height);
+    let gigabytes = bytes as f64 / 1e9;
+    let reason =
+        format!("an image of {width} x {height} takes {gigabytes:.1} GB, more than there is");
+    Err(Error::parameter("Camera", reason))
 }
 
 /// From the receivers' order to the user's.

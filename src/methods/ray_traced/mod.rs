@@ -138,7 +138,6 @@ struct PreparedRayTraced {
 
 impl Prepared for PreparedRayTraced {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
-        control.expect(receivers.groups.len().saturating_sub(1));
         let parts: Vec<Vec<[f32; 2]>> = receivers
             .group_ranges()
             .map_init(Scratch::default, |scratch, range| {
