@@ -154,6 +154,9 @@ impl Geometry {
                 }
             }
         }
+        if !(bounds.1 - bounds.0).is_finite() {
+            return Err(Error::scene("scene", "its world coordinates overflow"));
+        }
         if bounds.0 == bounds.1 {
             let reason = format!("in f64 all of it lies in the one world point {}", bounds.0);
             return Err(Error::scene("scene", reason));

@@ -89,8 +89,16 @@ impl Receivers {
         }
         check_finite("points", "point", points)?;
         if let Some(normals) = normals {
+            if normals.len() != points.len() {
+                let reason = format!(
+                    "expected {}, one a point, got {}",
+                    points.len(),
+                    normals.len()
+                );
+                return Err(Error::parameter("normals", reason));
+            }
             check_finite("normals", "normal", normals)?;
-            if let Some(i) = normals.iter().position(|n| n.try_normalize().is_none()) {
+            if let Some(i) = normals.iter().position(|n| *n == DVec3::ZERO) {
                 return Err(Error::parameter("normals", format!("normal {i} is zero")));
             }
         }
@@ -105,7 +113,7 @@ impl Receivers {
             .collect();
         order.par_sort_unstable();
         let index: Vec<u32> = order.into_iter().map(|(_, i)| i).collect();
-        let normal = |&i: &u32| normals.map_or(DVec3::ZERO, |n| n[i as usize].normalize());
+        let normal = |&i: &u32| normals.map_or(DVec3::ZERO, |n| unit(n[i as usize]));
         let groups = (0..index.len())
             .step_by(GROUP)
             .chain([index.len()])
@@ -117,6 +125,11 @@ impl Receivers {
             index,
         })
     }
+}
+
+/// A vector that is not zero at unit length, however long or short.
+fn unit(v: DVec3) -> DVec3 {
+    (v / v.abs().max_element()).normalize()
 }
 
 /// Cell of a local position on a Morton curve of 2²¹ cells a side over [-2, 2]; what lies outside is

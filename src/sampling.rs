@@ -94,6 +94,8 @@ pub struct View {
     pub v: Vec3,
     /// Row of the homogeneous coordinate.
     pub w: Vec3,
+    /// Largest number that goes into a coordinate of a light point.
+    pub reach: f32,
 }
 
 /// Light points for one receiver, with the weights that its integrals need.
@@ -239,6 +241,8 @@ impl Sampler {
     /// How the receiver at `p` sees the light, or `None` where no grid can be laid over it: behind a
     /// flat light, in or close to a sphere, or where the light has no size.
     pub fn view(&self, p: DVec3) -> Option<View> {
+        let (low, high) = self.light.bounds();
+        let mut reach = low.abs().max(high.abs()).max_element();
         let (u, v, w) = match self.flat {
             Some(flat) => {
                 let to_center = flat.center - p;
@@ -256,9 +260,13 @@ impl Sampler {
             }
             None => {
                 let cap = Cap::new(&self.light, p)?;
-                if cap.cos < WIDEST_CAP || cap.sin == 0.0 {
+                // Points of a sphere are moved off it in proportion to the receiver's distance; from far away
+                // by more than is looked at for triangles that touch the light.
+                let size = self.light.center().abs().max_element().max(1.0);
+                if cap.cos < WIDEST_CAP || cap.sin == 0.0 || cap.distance > 2.0 * size {
                     return None;
                 }
+                reach += cap.distance;
                 let w = cap.axis / (cap.distance * (1.0 + cap.sin));
                 let scale = 0.5 * cap.cos / (cap.sin * cap.distance * (1.0 + cap.sin));
                 (cap.e1 * scale + 0.5 * w, cap.e2 * scale + 0.5 * w, w)
@@ -268,6 +276,7 @@ impl Sampler {
             u: u.as_vec3(),
             v: v.as_vec3(),
             w: w.as_vec3(),
+            reach: reach as f32,
         })
     }
 
@@ -409,8 +418,9 @@ unsafe fn fill_flat<S: Lanes>(
                 squared.sqrt()
             };
             // Light points are POINT_OFFSET off the light; the bound only guards a receiver in that gap.
-            let fourth = squared.mul(squared).max(S::splat(1e-30));
-            let weight = scale.mul(facing).mul(above).div(fourth);
+            // Divided twice, since the fourth power overflows from 4e9 scene sizes on.
+            let bound = squared.max(S::splat(1e-15));
+            let weight = scale.mul(facing.div(bound)).mul(above.div(bound));
             put(out, r, &l, weight, zero.lt(facing) & zero.lt(above));
         }
     }

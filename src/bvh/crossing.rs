@@ -22,20 +22,19 @@ pub fn through_triangles(
     to: Vec3,
     stack: &mut Stack,
 ) -> f32 {
-    let mut product = 1.0f64;
+    let mut crossed = Crossed::default();
     let shear = Shear::new(from, to);
     visit(&bvh.tree, from, to, stack, |i| {
         if shear.crosses(&bvh.corners[i], from, to) {
-            product *= f64::from(through[i]);
+            crossed.add(through[i], 1);
         }
-        product > 0.0
     });
-    product as f32
+    crossed.product()
 }
 
 /// Transmittance of the segment through spheres: each surface that it enters or leaves counts.
 pub fn through_spheres(bvh: &SphereBvh, from: Vec3, to: Vec3, stack: &mut Stack) -> f32 {
-    let mut product = 1.0f64;
+    let mut crossed = Crossed::default();
     let (o, end) = (from.as_dvec3(), to.as_dvec3());
     let d = end - o;
     visit(&bvh.tree, from, to, stack, |i| {
@@ -56,20 +55,61 @@ pub fn through_spheres(bvh: &SphereBvh, from: Vec3, to: Vec3, stack: &mut Stack)
                 0
             }
         };
-        product *= f64::from(bvh.transmittance[i]).powi(crossings);
-        product > 0.0
+        if crossings > 0 {
+            crossed.add(bvh.transmittance[i], crossings);
+        }
     });
-    product as f32
+    crossed.product()
 }
 
-/// Calls `test` with every primitive whose box the segment may enter, until it returns false.
-fn visit(
-    tree: &Tree,
-    from: Vec3,
-    to: Vec3,
-    stack: &mut Stack,
-    mut test: impl FnMut(usize) -> bool,
-) {
+/// Crossings counted by transmittance, so that their product does not depend on the order in which a tree
+/// gives them. Scenes have few opacities; those beyond [`Crossed::KINDS`] are multiplied as they come.
+struct Crossed {
+    kinds: [(f32, i32); Self::KINDS],
+    used: usize,
+    others: f64,
+}
+
+impl Default for Crossed {
+    fn default() -> Self {
+        Crossed {
+            kinds: [(1.0, 0); Self::KINDS],
+            used: 0,
+            others: 1.0,
+        }
+    }
+}
+
+impl Crossed {
+    const KINDS: usize = 8;
+
+    fn add(&mut self, through: f32, crossings: i32) {
+        let known = self.kinds[..self.used]
+            .iter_mut()
+            .find(|(t, _)| *t == through);
+        if let Some((_, count)) = known {
+            *count += crossings;
+        } else if self.used < Self::KINDS {
+            self.kinds[self.used] = (through, crossings);
+            self.used += 1;
+        } else {
+            self.others *= f64::from(through).powi(crossings);
+        }
+    }
+
+    fn product(&mut self) -> f32 {
+        let kinds = &mut self.kinds[..self.used];
+        kinds.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let product: f64 = kinds
+            .iter()
+            .map(|&(t, count)| f64::from(t).powi(count))
+            .product();
+        (product * self.others) as f32
+    }
+}
+
+/// Calls `test` with every primitive whose box the segment may enter.
+fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl FnMut(usize)) {
     if tree.nodes.is_empty() {
         return;
     }
@@ -94,9 +134,7 @@ fn visit(
             continue;
         }
         for k in node.first..node.first + node.count {
-            if !test(k as usize) {
-                return;
-            }
+            test(k as usize);
         }
     }
 }

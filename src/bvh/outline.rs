@@ -17,6 +17,7 @@ use super::TriangleBvh;
 use super::tree::Node;
 use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::sampling::POINT_OFFSET;
 
 /// Marks an edge that counts as a silhouette edge from everywhere.
 const ALWAYS: u32 = u32::MAX;
@@ -81,7 +82,8 @@ impl Cone {
                 let axis = self.axis * angle.cos() + k.cross(self.axis) * angle.sin();
                 Cone {
                     axis: axis.normalize(),
-                    cos: half.cos(),
+                    // Below 2.4e-4 an angle's cosine is 1 in f32.
+                    cos: half.cos() - 1.2e-7,
                 }
             }
             _ => Cone::ALL,
@@ -321,12 +323,15 @@ impl Shaft {
                 planes.push((i, j, turned.0, turned.1, offset + 1e-6 * reach));
             }
         }
+        let center = 0.5 * (receivers.0 + receivers.1);
         Shaft {
             low: receivers.0.min(light.0),
             high: receivers.1.max(light.1),
             planes,
-            center: 0.5 * (receivers.0 + receivers.1),
-            radius: 0.5 * (receivers.1 - receivers.0).length(),
+            center,
+            // The middle rounds by an ulp of its coordinates.
+            radius: 0.5 * (receivers.1 - receivers.0).length()
+                + 1e-6 * center.abs().max_element().max(1.0),
         }
     }
 
@@ -382,14 +387,24 @@ impl Shaft {
     }
 }
 
+/// How far from a light its points may lie, generously: they are moved off it by four ulps.
+fn light_slack(light: &Light) -> f64 {
+    let (low, high) = light.bounds();
+    4.0 * POINT_OFFSET * low.abs().max(high.abs()).max_element().max(1.0)
+}
+
+/// A light's bounds with all its light points inside.
+pub fn padded_bounds(light: &Light) -> (Vec3, Vec3) {
+    let (low, high) = light.bounds();
+    let slack = light_slack(light);
+    ((low - slack).as_vec3(), (high + slack).as_vec3())
+}
+
 /// Whether a triangle reaches into the light, so that moving a light point can uncover it without an
 /// edge in between. Triangles wholly on or behind a flat light's back cannot hide it.
 pub fn touches_light(bvh: &TriangleBvh, light: &Light, stack: &mut Vec<u32>) -> bool {
-    let (low, high) = light.bounds();
-    // Light points are moved off the light by four ulps; sixteen cover that and the rounding here.
-    let slack =
-        4.0 * crate::sampling::POINT_OFFSET * low.abs().max(high.abs()).max_element().max(1.0);
-    let (low, high) = ((low - slack).as_vec3(), (high + slack).as_vec3());
+    let slack = light_slack(light);
+    let (low, high) = padded_bounds(light);
     let overlaps = |min: Vec3, max: Vec3| !(min.cmpgt(high).any() || max.cmplt(low).any());
     stack.clear();
     if !bvh.tree.nodes.is_empty() {
@@ -411,7 +426,9 @@ pub fn touches_light(bvh: &TriangleBvh, light: &Light, stack: &mut Vec<u32>) -> 
             let in_front = match light.normal() {
                 Some(n) => {
                     let height = |v: Vec3| n.dot(v.as_dvec3() - light.center());
-                    height(a).max(height(b)).max(height(c)) > 0.25 * slack
+                    // Half of what light points are moved off the light: more than the rounding of a panel in
+                    // the light's plane, less than the height of the lowest light point.
+                    height(a).max(height(b)).max(height(c)) > 0.125 * slack
                 }
                 None => true,
             };

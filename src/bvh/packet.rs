@@ -19,15 +19,18 @@ use super::TriangleBvh;
 use super::tree::Node;
 use crate::simd::{Lanes, Level, Row, detect, dispatch};
 
-/// By how much boxes are widened, times the largest coordinate: a sheared vertex is off by less than
-/// 3 rounding errors (2⁻²⁴) of its distance from the origin, itself at most twice that coordinate.
-const BOX_SLACK: f32 = 8.0 / (1 << 24) as f32;
+/// By how much boxes are widened, times the largest coordinate. A sheared vertex is off by up to 6
+/// rounding errors (2⁻²⁴) of its distance from the origin (three of the shear's product, one of each of the
+/// three differences), an edge function that rounds to zero adds 1.4, widening itself 1; the distance is at
+/// most twice the coordinate along the longest axis. 12 in the worst case.
+const BOX_SLACK: f32 = 16.0 / (1 << 24) as f32;
 
 /// The slab test's own rounding, `1 + 2 γ(3)` (Ize 2013).
 const SLAB_SLACK: f32 = 1.0 + 8.0 / (1 << 24) as f32;
 
-/// Rounding error of `T` and `D - T` over the product of the largest sheared x, y and z: 6 products in
-/// the edge functions, each with up to 9 rounding errors by the time they are summed, is 54 · 2⁻²⁴.
+/// Rounding error of `T` and `D - T` over the product of the largest sheared x, y and z. Inside, the three
+/// edge functions have one sign and sum to at most 4 of these products, so that their own rounding, that of
+/// the sums with z, and that of z and the segment's length come to 60 · 2⁻²⁴.
 const SIDE_ERROR: f32 = 64.0 / (1 << 24) as f32;
 
 /// Smallest direction component that slabs divide by; local coordinates are of order 1.
@@ -133,7 +136,7 @@ unsafe fn traverse<S: Lanes>(
 ) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
-        let rays = prepare::<S>(packet, axis);
+        let rays = prepare::<S>(packet, axis, active);
         let nodes = &bvh.tree.nodes[..];
         let mut found = 0;
         stack.clear();
@@ -204,14 +207,19 @@ unsafe fn inverse<S: Lanes>(packet: &Packet, axis: usize) -> S {
 }
 
 #[inline(always)]
-unsafe fn prepare<S: Lanes>(packet: &Packet, axis: usize) -> Rays<S> {
+unsafe fn prepare<S: Lanes>(packet: &Packet, axis: usize, active: u16) -> Rays<S> {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let axes = [(axis + 1) % 3, (axis + 2) % 3, axis];
         let mut largest = 1.0f32;
         for row in &packet.origin {
-            for x in &row.0 {
-                largest = largest.max(x.abs());
+            for (lane, x) in row.0.iter().enumerate() {
+                let counts = active >> lane & 1 == 1;
+                largest = if counts {
+                    largest.max(x.abs())
+                } else {
+                    largest
+                };
             }
         }
         let slack = S::splat(BOX_SLACK * largest);
@@ -310,7 +318,13 @@ unsafe fn triangle<S: Lanes>(
         let negative = zero.sub(error);
         let hit = inside & (error.lt(low) | high.lt(negative));
         let miss = low.lt(negative) & error.lt(high);
-        let unsure = inside & !hit & !miss;
+        let mut unsure = inside & !hit & !miss;
+        if unsure != 0 {
+            // Edge-on, all three edge functions can round to zero: then the segment may pass far from here.
+            let (x0, x1) = (ax.min(bx).min(cx), ax.max(bx).max(cx));
+            let (y0, y1) = (ay.min(by).min(cy), ay.max(by).max(cy));
+            unsure &= x0.le(zero) & zero.le(x1) & y0.le(zero) & zero.le(y1);
+        }
         if unsure == 0 {
             hit
         } else {
@@ -343,7 +357,10 @@ unsafe fn settle<S: Lanes>(
         let lane = unsure.trailing_zeros() as usize;
         unsure &= unsure - 1;
         let (t, rest, error) = (t_row.0[lane], rest_row.0[lane], error_row.0[lane]);
-        let from = if t.abs() > error {
+        // Where even the triangle's orientation is in doubt, both ends are asked exactly: a rounded side and an
+        // exact one could speak of two different triangles.
+        let oriented = (t + rest).abs() > error;
+        let from = if oriented && t.abs() > error {
             f64::from(t)
         } else {
             let origin = packet.origin(lane);
@@ -356,7 +373,7 @@ unsafe fn settle<S: Lanes>(
                 }
             }
         };
-        let to = if rest.abs() > error {
+        let to = if oriented && rest.abs() > error {
             f64::from(rest)
         } else {
             plane_side(corners, packet.target(lane))

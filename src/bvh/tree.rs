@@ -141,6 +141,24 @@ impl Tree {
         (tree.expected_cost() <= REBUILD_AT * self.cost).then_some(tree)
     }
 
+    /// Whether a leaf meets what it and all nodes above it must meet.
+    pub fn any_leaf(&self, meets: impl Fn(&Node) -> bool) -> bool {
+        let mut stack = vec![0u32];
+        while let Some(i) = stack.pop() {
+            let Some(node) = self.nodes.get(i as usize) else {
+                return false;
+            };
+            if !meets(node) {
+                continue;
+            }
+            if node.count > 0 {
+                return true;
+            }
+            stack.extend([node.first, i + 1]);
+        }
+        false
+    }
+
     /// Bytes of nodes and order.
     pub fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Node>() + self.order.len() * 4

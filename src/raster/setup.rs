@@ -18,12 +18,18 @@ pub const NEAR: f64 = 1e-7;
 /// Just below zero: `e > JUST_BELOW` is `e >= 0`.
 const JUST_BELOW: f64 = -f64::MIN_POSITIVE;
 
+/// Below this part of its two terms an edge function's sign may be rounding, and is found exactly.
+const DOUBT: f64 = 8.0 * f64::EPSILON;
+
 #[derive(Debug, Clone, Copy)]
 struct EdgeFunction {
     x: f64,
     y: f64,
     dx: f64,
     dy: f64,
+    /// The other end, and -1 where the triangle runs from there.
+    to: [f64; 2],
+    sign: f64,
     /// Inside where the function is greater.
     above: f64,
 }
@@ -47,6 +53,7 @@ pub struct Setup {
 pub struct RowSetup<'a> {
     setup: &'a Setup,
     terms: [f64; 3],
+    cy: f64,
     depth: f64,
 }
 
@@ -58,6 +65,7 @@ impl Setup {
         RowSetup {
             setup: self,
             terms: std::array::from_fn(|i| self.edges[i].dx * (cy - self.edges[i].y)),
+            cy,
             depth: self.depth.y * cy + self.depth.z,
         }
     }
@@ -68,16 +76,33 @@ impl RowSetup<'_> {
     #[inline(always)]
     pub fn inside(&self, x: u32) -> u8 {
         let mut mask = 0;
+        let mut unsure = false;
         let e = &self.setup.edges;
         for i in 0..SPAN {
             let cx = f64::from(x + i as u32) + 0.5;
             let mut inside = true;
             for (e, term) in e.iter().zip(self.terms) {
-                inside &= term - e.dy * (cx - e.x) > e.above;
+                let other = e.dy * (cx - e.x);
+                let value = term - other;
+                inside &= value > e.above;
+                unsure |= value.abs() <= DOUBT * (term.abs() + other.abs());
             }
             mask |= u8::from(inside) << i;
         }
-        mask
+        if unsure { self.inside_exact(x) } else { mask }
+    }
+
+    #[cold]
+    fn inside_exact(&self, x: u32) -> u8 {
+        (0..SPAN).fold(0, |mask, i| {
+            let p = [f64::from(x + i as u32) + 0.5, self.cy];
+            let inside = self.setup.edges.iter().all(|e| {
+                let c = |p: [f64; 2]| robust::Coord { x: p[0], y: p[1] };
+                let value = e.sign * robust::orient2d(c([e.x, e.y]), c(e.to), c(p));
+                value > e.above
+            });
+            mask | u8::from(inside) << i
+        })
     }
 
     /// Inverse depths of the pixels from column `x` on; kept within the triangle's own range, which
@@ -105,9 +130,11 @@ pub fn triangles(
     // what the near plane leaves of it may have corners millions of pixels away.
     let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
     let depth = n / n.dot(corners[0]);
-    if !depth.is_finite() {
-        return;
-    }
+    let depth = if depth.is_finite() {
+        depth
+    } else {
+        DVec3::new(0.0, 0.0, 1.0 / corners[0].z)
+    };
     let in_front = corners.map(|p| p.z >= NEAR);
     match in_front.iter().filter(|f| **f).count() {
         0 => {}
@@ -162,7 +189,7 @@ fn emit_one(
     for (axis, size) in [camera.width, camera.height].into_iter().enumerate() {
         let min = s[0][axis].min(s[1][axis]).min(s[2][axis]);
         let max = s[0][axis].max(s[1][axis]).max(s[2][axis]);
-        // Pixel centres within [min, max]; a NaN fails both comparisons.
+        // Pixel centres within [min, max]. (What is not a number has no area, below.)
         let first = (min - 0.5).ceil().max(0.0);
         let last = (max - 0.5).floor().min(f64::from(size - 1));
         if !(first <= last && min <= max) {
@@ -170,10 +197,8 @@ fn emit_one(
         }
         (low[axis], high[axis]) = (first as u32, last as u32);
     }
-    let cross = |a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]| {
-        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    };
-    let area = cross(&s[0], &s[1], &s[2]);
+    let c = |p: &[f64; 3]| robust::Coord { x: p[0], y: p[1] };
+    let area = robust::orient2d(c(&s[0]), c(&s[1]), c(&s[2]));
     if area == 0.0 || !area.is_finite() {
         return;
     }
@@ -209,6 +234,8 @@ fn edge(a: &[f64; 3], b: &[f64; 3]) -> EdgeFunction {
         y: from[1],
         dx,
         dy,
+        to: [to[0], to[1]],
+        sign,
         above,
     }
 }

@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::MOST_EDGES;
 use super::project::{Line, Lines, Viewers};
 use crate::bvh::TriangleBvh;
-use crate::bvh::outline::{EdgePlanes, Shaft};
+use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
 use crate::geometry::Geometry;
 use crate::sampling::{Sampler, View};
 
@@ -65,11 +65,11 @@ impl Group {
         if low.x > high.x {
             return Found::NotHere;
         }
-        let light = sampler.light().bounds();
-        let shaft = Shaft::new((low, high), (light.0.as_vec3(), light.1.as_vec3()));
+        let light = padded_bounds(sampler.light());
+        let shaft = Shaft::new((low, high), light);
         let occluders = geometry.occluders();
         let spheres = occluders.spheres.as_ref();
-        if spheres.is_some_and(|s| s.tree.nodes.iter().any(|n| n.count > 0 && shaft.meets(n))) {
+        if spheres.is_some_and(|s| s.tree.any_leaf(|node| shaft.meets(node))) {
             return Found::NotHere;
         }
         let transparent = occluders.transparent.as_ref().map(|(bvh, _)| bvh);
@@ -86,7 +86,7 @@ impl Group {
         // as over the step from an outline to what lies behind it.
         let spread = high - low;
         let axis = spread.max_position();
-        let wide = spread[axis] > WIDE * (light.1 - light.0).max_element() as f32;
+        let wide = spread[axis] > WIDE * (light.1 - light.0).max_element();
         if wide && origins.len() > FEWEST {
             let middle = 0.5 * (low[axis] + high[axis]);
             return Found::Split(axis, f64::from(middle));

@@ -299,7 +299,7 @@ impl PreparedRayTraced {
         s.weights.clear();
         s.sources.clear();
         for (k, &i) in ids.iter().enumerate() {
-            let (p, n) = (receivers.positions[i], receivers.normals[i]);
+            let (p, n) = (s.origins[k].as_dvec3(), receivers.normals[i]);
             light.sampler.fill(receivers.index[i], p, n, &mut s.samples);
             let Some(first) = first_valid(&s.samples) else {
                 put(i, [0.0; 2]);

@@ -46,6 +46,8 @@ pub(super) struct Viewers {
     v: [[Row; ROWS]; 3],
     w: [[Row; ROWS]; 3],
     steepness: [Row; ROWS],
+    /// Rounding of the light points, in the square.
+    blur: [Row; ROWS],
     valid: [u16; ROWS],
 }
 
@@ -83,6 +85,7 @@ impl Viewers {
             }
             let l1 = |x: Vec3| x.abs().element_sum();
             self.steepness[row].0[lane] = l1(view.u).max(l1(view.v)).max(l1(view.w));
+            self.blur[row].0[lane] = DOT_ERROR * view.reach * self.steepness[row].0[lane];
         }
     }
 
@@ -150,6 +153,7 @@ unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, lines
             let v = load::<S>(&viewers.v, row);
             let w = load::<S>(&viewers.w, row);
             let steepness = S::load(&viewers.steepness[row]);
+            let blur = S::load(&viewers.blur[row]);
             for edge in edges {
                 let a = from(edge.ends[0], &origin);
                 let b = from(edge.ends[1], &origin);
@@ -168,10 +172,11 @@ unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, lines
                 let doubt = size_a
                     .max(size_b)
                     .mul(steepness)
-                    .mul(S::splat(2.0 * DOT_ERROR));
-                let negative = zero.sub(doubt);
+                    .mul(S::splat(4.0 * DOT_ERROR));
                 let (ua, va, wa) = (dot(&a, &u), dot(&a, &v), dot(&a, &w));
                 let (ub, vb, wb) = (dot(&b, &u), dot(&b, &v), dot(&b, &w));
+                let doubt = doubt.add(blur.mul(wa.max(wb).max(zero)));
+                let negative = zero.sub(doubt);
                 let one = S::splat(1.0);
                 let outside = ua.max(ub).lt(negative)
                     | va.max(vb).lt(negative)
@@ -184,6 +189,7 @@ unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, lines
                         [ua, va, wa],
                         [ub, vb, wb],
                         size_a.max(size_b).mul(steepness),
+                        blur,
                     );
                     clipped.put(row, seen, lines);
                 }
@@ -208,12 +214,16 @@ struct Clipped<S> {
 /// A bound is crossed inwards at `a / (a - b)` where `a < 0 < b`, and outwards likewise from the other end;
 /// with `a` and `b` cut off at 0 the same quotient is 0 where it is not crossed. So no lane branches.
 #[inline(always)]
-unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S) -> Clipped<S> {
+unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S, light_blur: S) -> Clipped<S> {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
-        let doubt = size.mul(S::splat(DOT_ERROR));
-        let twice = doubt.add(doubt);
+        let doubt = size
+            .mul(S::splat(DOT_ERROR))
+            .add(light_blur.mul(a[2].max(b[2]).max(zero)));
+        // A bound may be the difference of two coordinates, each off by the rounding of a dot product and of
+        // the light points that the grid stands for.
+        let apart = doubt.mul(S::splat(4.0));
         // Keeps a quotient of two zeros at 0.
         let tiny = S::splat(f32::MIN_POSITIVE);
         let (mut enter, mut leave) = (zero, zero);
@@ -224,7 +234,7 @@ unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S) -> Clipped<S> {
                 2 => (a[2].sub(a[0]), b[2].sub(b[0])),
                 _ => (a[2].sub(a[1]), b[2].sub(b[1])),
             };
-            let (fa, fb) = (fa.add(twice), fb.add(twice));
+            let (fa, fb) = (fa.add(apart), fb.add(apart));
             let (below_a, below_b) = (zero.sub(fa.min(zero)), zero.sub(fb.min(zero)));
             enter = enter.max(below_a.div(below_a.add(fb.max(tiny))));
             leave = leave.max(below_b.div(below_b.add(fa.max(tiny))));
@@ -250,7 +260,7 @@ unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S) -> Clipped<S> {
         ];
         let nearest = ws.min(we);
         let blur = S::splat(4.0 * GRID as f32).mul(doubt).div(nearest);
-        let thickness = S::splat(THICKNESS).add(blur);
+        let thickness = S::splat(THICKNESS).add(blur).add(light_blur.mul(cells));
         let clear = zero.lt(nearest) & thickness.le(S::splat(WIDEST));
         Clipped {
             ends,
@@ -301,6 +311,7 @@ mod tests {
             u: Vec3::X,
             v: Vec3::Y,
             w: Vec3::Z,
+            reach: 0.0,
         };
         viewers.set(&[Some(view)], &[Vec3::ZERO]);
         let mut lines = Lines::default();
