@@ -223,6 +223,19 @@ impl Sampler {
         &self.light
     }
 
+    /// A light point that every receiver shares, or on a sphere the one nearest to `p`: for a receiver to
+    /// which all of the light is one.
+    pub fn middle(&self, p: DVec3) -> Vec3 {
+        match (self.flat, Cap::new(&self.light, p)) {
+            (Some(flat), _) => flat.center.as_vec3(),
+            (None, Some(cap)) => {
+                let size = cap.distance + self.light.center().abs().max_element().max(1.0);
+                (p + cap.axis * (cap.distance - cap.radius - POINT_OFFSET * size)).as_vec3()
+            }
+            (None, None) => self.light.center().as_vec3(),
+        }
+    }
+
     /// Whether the light fills the disk in its [`View`]'s square, and not the square.
     pub fn is_disk(&self) -> bool {
         self.flat.is_none_or(|flat| flat.disk)
@@ -528,11 +541,19 @@ fn centered(bits: u32) -> f32 {
     ((bits >> 9) as f32 + 0.5) * (1.0 / (1 << 22) as f32) - 1.0
 }
 
-/// Grid cell of a point in [-1, 1]², row-major.
+/// Grid cell of a point in [-1, 1]², row-major; of a point within an ulp of a border, either cell.
+///
+/// Adding 2²³ leaves the nearest whole number in the low bits, which the compiler's vectoriser can do for
+/// all lanes at once, unlike a cast.
 #[inline(always)]
 fn cell(x: f32, y: f32) -> u16 {
-    let index = |t: f32| (((t + 1.0) * (0.5 * GRID as f32)) as i32).clamp(0, GRID as i32 - 1);
-    (index(y) * GRID as i32 + index(x)) as u16
+    const HALF: f32 = 0.5 * GRID as f32;
+    const WHOLE: f32 = (1 << 23) as f32;
+    let index = |t: f32| {
+        let place = (t * HALF + (HALF - 0.5)).max(0.0).min((GRID - 1) as f32);
+        (place + WHOLE).to_bits() as u16 & (GRID as u16 - 1)
+    };
+    index(y) * GRID as u16 + index(x)
 }
 
 /// Shirley and Chiu's concentric map of [-1, 1]² onto the unit disk, equal in area.

@@ -121,6 +121,11 @@ pub trait Lanes: Copy {
     /// # Safety
     /// See the trait.
     unsafe fn le(self, o: Self) -> u16;
+    /// Bit `i` set where `values[i]` is positive.
+    ///
+    /// # Safety
+    /// See the trait.
+    unsafe fn positive(values: &[f64; 8]) -> u8;
 
     /// Absolute value.
     ///
@@ -194,6 +199,10 @@ impl Lanes for Row {
     unsafe fn le(self, o: Self) -> u16 {
         (0..LANES).fold(0, |m, i| m | (u16::from(self.0[i] <= o.0[i]) << i))
     }
+    #[inline(always)]
+    unsafe fn positive(values: &[f64; 8]) -> u8 {
+        (0..8).fold(0, |m, i| m | (u8::from(values[i] > 0.0) << i))
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -259,6 +268,14 @@ mod x86 {
             // SAFETY: the caller enabled AVX-512.
             unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, o.0) }
         }
+        #[inline(always)]
+        unsafe fn positive(values: &[f64; 8]) -> u8 {
+            // SAFETY: the caller enabled AVX-512; eight values are read.
+            unsafe {
+                let v = _mm512_loadu_pd(values.as_ptr());
+                _mm512_cmp_pd_mask::<_CMP_GT_OQ>(v, _mm512_setzero_pd())
+            }
+        }
     }
 
     macro_rules! binary256 {
@@ -322,6 +339,18 @@ mod x86 {
         binary256!(max, _mm256_max_ps);
         compare256!(lt, _CMP_LT_OQ);
         compare256!(le, _CMP_LE_OQ);
+        #[inline(always)]
+        unsafe fn positive(values: &[f64; 8]) -> u8 {
+            // SAFETY: the caller enabled AVX2; eight values are read.
+            unsafe {
+                let zero = _mm256_setzero_pd();
+                let low = _mm256_loadu_pd(values.as_ptr());
+                let high = _mm256_loadu_pd(values.as_ptr().add(4));
+                let low = _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(low, zero));
+                let high = _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(high, zero));
+                (low | high << 4) as u8
+            }
+        }
     }
 }
 

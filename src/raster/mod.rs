@@ -132,10 +132,6 @@ fn fill<T: Sink>(setups: &[Setup], bin: &[u32], tile: Tile, sink: &mut T) {
 /// Compiled once per instruction set; the loops over a span are left to the compiler's vectoriser,
 /// which turns these few independent `f64` operations into whole registers.
 #[inline(always)]
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the instruction set by it"
-)]
 unsafe fn fill_lanes<S: Lanes>(setups: &[Setup], bin: &[u32], tile: Tile, sink: &mut dyn Sink) {
     for &place in bin {
         let setup = &setups[place as usize];
@@ -146,7 +142,8 @@ unsafe fn fill_lanes<S: Lanes>(setups: &[Setup], bin: &[u32], tile: Tile, sink: 
             let row = setup.row(y);
             let mut x = x_start;
             while x <= x_end {
-                let mut mask = row.inside(x);
+                // SAFETY: the caller enabled the features of `S`.
+                let mut mask = unsafe { row.inside::<S>(x) };
                 let left = x_end - x + 1;
                 if left < SPAN as u32 {
                     mask &= (1u8 << left) - 1;

@@ -10,6 +10,7 @@ use glam::DVec3;
 
 use super::SPAN;
 use crate::camera::Camera;
+use crate::simd::Lanes;
 
 /// Distance of the near plane in local units, in which the scene's half-extent is between ½ and 1:
 /// far below what can be seen, far above the `f64` rounding of a projected point.
@@ -73,23 +74,28 @@ impl Setup {
 
 impl RowSetup<'_> {
     /// Which of the pixels from column `x` on are inside.
+    ///
+    /// # Safety
+    /// As for every function of [`Lanes`].
     #[inline(always)]
-    pub fn inside(&self, x: u32) -> u8 {
-        let mut mask = 0;
-        let mut unsure = false;
-        let e = &self.setup.edges;
-        for i in 0..SPAN {
-            let cx = f64::from(x + i as u32) + 0.5;
-            let mut inside = true;
-            for (e, term) in e.iter().zip(self.terms) {
-                let other = e.dy * (cx - e.x);
+    pub unsafe fn inside<S: Lanes>(&self, x: u32) -> u8 {
+        // Smallest edge function, and smallest distance of one from what could be rounding.
+        let (mut inside, mut clear) = ([f64::INFINITY; SPAN], [f64::INFINITY; SPAN]);
+        for (e, &term) in self.setup.edges.iter().zip(&self.terms) {
+            for i in 0..SPAN {
+                let other = e.dy * (f64::from(x + i as u32) + 0.5 - e.x);
                 let value = term - other;
-                inside &= value > e.above;
-                unsure |= value.abs() <= DOUBT * (term.abs() + other.abs());
+                inside[i] = inside[i].min(value - e.above);
+                clear[i] = clear[i].min(value.abs() - DOUBT * (term.abs() + other.abs()));
             }
-            mask |= u8::from(inside) << i;
         }
-        if unsure { self.inside_exact(x) } else { mask }
+        // SAFETY: the caller enabled the features of `S`.
+        let (inside, clear) = unsafe { (S::positive(&inside), S::positive(&clear)) };
+        if clear == u8::MAX {
+            inside
+        } else {
+            self.inside_exact(x)
+        }
     }
 
     #[cold]

@@ -39,10 +39,13 @@ impl Grid {
         let rise = q[1] - p[1];
         // Truncation rounds down where nothing is negative.
         let row = |y: f32| y.clamp(0.0, (GRID - 1) as f32) as i32;
-        for r in row(p[1] - thickness)..=row(q[1] + thickness) {
+        let (first, last) = (row(p[1] - thickness), row(q[1] + thickness));
+        let steep = rise > FLAT && first != last;
+        let per_row = if steep { 1.0 / rise } else { 0.0 };
+        for r in first..=last {
             let (mut x0, mut x1) = (p[0], q[0]);
-            if rise > FLAT {
-                let along = |y: f32| p[0] + (q[0] - p[0]) * ((y - p[1]) / rise).clamp(0.0, 1.0);
+            if steep {
+                let along = |y: f32| p[0] + (q[0] - p[0]) * ((y - p[1]) * per_row).clamp(0.0, 1.0);
                 x0 = along(r as f32 - thickness);
                 x1 = along(r as f32 + 1.0 + thickness);
             }

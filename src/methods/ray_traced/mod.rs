@@ -301,14 +301,15 @@ impl PreparedRayTraced {
         for (k, &i) in ids.iter().enumerate() {
             let (p, n) = (s.origins[k].as_dvec3(), receivers.normals[i]);
             light.sampler.fill(receivers.index[i], p, n, &mut s.samples);
-            let Some(first) = first_valid(&s.samples) else {
+            if s.samples.valid.iter().all(|&v| v == 0) {
                 put(i, [0.0; 2]);
                 continue;
-            };
+            }
             let lines = if known { s.group.lines(k) } else { None };
             match lines {
                 Some([]) if binary => {
-                    let segment = s.tracer.add(k, first, s.samples.point(first));
+                    // Any light point will do; the same for neighbours keeps their segments together.
+                    let segment = s.tracer.add(k, 0, light.sampler.middle(p));
                     let sums = sums_of_valid(&s.samples);
                     s.pending.push(Pending::Whole {
                         receiver: i,
@@ -403,11 +404,6 @@ fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
         mask &= mask.wrapping_sub(1);
         (lane < LANES).then_some(lane)
     })
-}
-
-fn first_valid(samples: &LightSamples) -> Option<usize> {
-    let row = samples.valid.iter().position(|&v| v != 0)?;
-    Some(row * LANES + samples.valid[row].trailing_zeros() as usize)
 }
 
 /// Visibility and irradiance from each sample's transmittance.
