@@ -18,15 +18,16 @@ use super::tree::Node;
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::sampling::POINT_OFFSET;
+use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 
 /// Marks an edge that counts as a silhouette edge from everywhere.
 const ALWAYS: u32 = u32::MAX;
 
 /// An edge and its two triangles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Edge {
-    /// Vertex indices in [`Geometry::positions`].
-    ends: [u32; 2],
+    /// Its ends; not vertex indices, which would be two more places to look for a candidate.
+    ends: [Vec3; 2],
     /// Triangles in leaf order; [`ALWAYS`] where there are not exactly two proper ones.
     triangles: [u32; 2],
 }
@@ -136,14 +137,15 @@ impl Outline {
                 (
                     owner,
                     Edge {
-                        ends: ends.map(|v| v + mesh.first_vertex),
+                        ends: ends.map(|v| geometry.positions[(v + mesh.first_vertex) as usize]),
                         triangles,
                     },
                 )
             });
             owned.par_extend(found);
         }
-        owned.par_sort_unstable_by_key(|&(owner, edge)| (owner, edge.ends));
+        // Stable, so that a triangle's edges stay in the order of the adjacency.
+        owned.par_sort_by_key(|&(owner, _)| owner);
         let mut first = vec![0u32; bvh.faces.len() + 1];
         for &(owner, _) in &owned {
             first[owner as usize + 1] += 1;
@@ -203,7 +205,7 @@ impl Outline {
         cone(one).union(cone(two))
     }
 
-    fn planes(&self, geometry: &Geometry, edge: usize) -> EdgePlanes {
+    fn planes(&self, edge: usize) -> EdgePlanes {
         let Edge { ends, triangles } = self.edges[edge];
         let normal = |t: u32| {
             if t == ALWAYS {
@@ -213,7 +215,7 @@ impl Outline {
             }
         };
         EdgePlanes {
-            ends: ends.map(|v| geometry.positions[v as usize]),
+            ends,
             normals: triangles.map(normal),
         }
     }
@@ -222,40 +224,16 @@ impl Outline {
     /// Returns false, having stopped early, when there are more than `limit`.
     pub fn candidates(
         &self,
-        geometry: &Geometry,
         nodes: &[Node],
         shaft: &Shaft,
         limit: usize,
         stack: &mut Vec<u32>,
         out: &mut Vec<EdgePlanes>,
     ) -> bool {
-        stack.clear();
-        if !nodes.is_empty() {
-            stack.push(0);
-        }
-        while let Some(i) = stack.pop() {
-            let node = &nodes[i as usize];
-            let Some(cone) = self.cones[i as usize] else {
-                continue;
-            };
-            if !shaft.meets(node) || shaft.sees_one_side(node, cone) {
-                continue;
-            }
-            if node.count == 0 {
-                stack.extend([node.first, i + 1]);
-                continue;
-            }
-            for e in self.range(node) {
-                let edge = self.planes(geometry, e);
-                if shaft.sees_edge(&edge) {
-                    if out.len() == limit {
-                        return false;
-                    }
-                    out.push(edge);
-                }
-            }
-        }
-        true
+        let outline = self;
+        dispatch!(detect() => candidates_lanes(
+            outline: &Outline, nodes: &[Node], shaft: &Shaft, limit: usize, stack: &mut Vec<u32>,
+            out: &mut Vec<EdgePlanes>) -> bool)
     }
 
     /// Bytes of edges and cones.
@@ -265,6 +243,47 @@ impl Outline {
             + self.first.len() * 4
             + self.cones.len() * size_of::<Option<Cone>>()
     }
+}
+
+#[inline(always)]
+unsafe fn candidates_lanes<S: Lanes>(
+    outline: &Outline,
+    nodes: &[Node],
+    shaft: &Shaft,
+    limit: usize,
+    stack: &mut Vec<u32>,
+    out: &mut Vec<EdgePlanes>,
+) -> bool {
+    stack.clear();
+    if !nodes.is_empty() {
+        stack.push(0);
+    }
+    while let Some(i) = stack.pop() {
+        let node = &nodes[i as usize];
+        let Some(cone) = outline.cones[i as usize] else {
+            continue;
+        };
+        // SAFETY: the caller enabled the features of `S`.
+        let meets = unsafe { shaft.meets_box::<S>(node.min.into(), node.max.into()) };
+        if !meets || shaft.sees_one_side(node, cone) {
+            continue;
+        }
+        if node.count == 0 {
+            stack.extend([node.first, i + 1]);
+            continue;
+        }
+        for e in outline.range(node) {
+            let edge = outline.planes(e);
+            // SAFETY: the caller enabled the features of `S`.
+            if unsafe { shaft.sees_edge::<S>(&edge) } {
+                if out.len() == limit {
+                    return false;
+                }
+                out.push(edge);
+            }
+        }
+    }
+    true
 }
 
 /// Unit normal by the right-hand rule, zero for a triangle without area.
@@ -286,10 +305,11 @@ pub fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 /// Wallace 1991): the box of both, and planes parallel to a coordinate axis that touch both.
 #[derive(Debug, Clone)]
 pub struct Shaft {
-    low: Vec3,
-    high: Vec3,
-    /// `(i, j, ni, nj, offset)`: inside where `ni x_i + nj x_j <= offset`.
-    planes: Vec<(usize, usize, f32, f32, f32)>,
+    /// Positive and negative parts of the planes' normals, a lane a plane; a box has a part inside where
+    /// `rising · min + falling · max <= offset`. Lanes without a plane let everything in.
+    rising: [Row; 3],
+    falling: [Row; 3],
+    offset: Row,
     center: Vec3,
     radius: f32,
 }
@@ -297,8 +317,26 @@ pub struct Shaft {
 impl Shaft {
     /// The shaft from receivers in a box to a light in a box.
     pub fn new(receivers: (Vec3, Vec3), light: (Vec3, Vec3)) -> Self {
+        let center = 0.5 * (receivers.0 + receivers.1);
+        // The middle rounds by an ulp of its coordinates.
+        let rounding = 1e-6 * center.abs().max_element().max(1.0);
+        let mut shaft = Shaft {
+            rising: [Row::default(); 3],
+            falling: [Row::default(); 3],
+            offset: Row([f32::MAX; LANES]),
+            center,
+            radius: 0.5 * (receivers.1 - receivers.0).length() + rounding,
+        };
+        let (low, high) = (receivers.0.min(light.0), receivers.1.max(light.1));
+        let mut used = 0;
+        for axis in 0..3 {
+            let mut normal = Vec3::ZERO;
+            normal[axis] = 1.0;
+            shaft.set(used, normal, high[axis]);
+            shaft.set(used + 1, -normal, -low[axis]);
+            used += 2;
+        }
         let corners = [[receivers.0, light.0], [receivers.1, light.1]];
-        let mut planes = Vec::with_capacity(8);
         for (i, j) in [(0, 1), (1, 2), (2, 0)] {
             for (si, sj) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
                 // The same corner of both boxes, and a normal that points to that corner's side.
@@ -313,52 +351,66 @@ impl Shaft {
                 } else {
                     (-dj, di)
                 };
-                if turned.0 * out.0 <= 0.0 || turned.1 * out.1 <= 0.0 {
+                // Two boxes share at most three such planes a pair of axes, but rounding may add a
+                // fourth; without it the shaft is only wider.
+                if turned.0 * out.0 <= 0.0 || turned.1 * out.1 <= 0.0 || used == LANES {
                     continue;
                 }
-                // Two products and a sum of coordinates up to the light's, rounded.
-                let reach = (turned.0 * l.0).abs().max((turned.0 * r.0).abs())
+                // Two products and a sum, rounded, of coordinates up to the light's or a box's.
+                let reach = turned.0.abs()
+                    + turned.1.abs()
+                    + (turned.0 * l.0).abs().max((turned.0 * r.0).abs())
                     + (turned.1 * l.1).abs().max((turned.1 * r.1).abs());
                 let offset = (turned.0 * r.0 + turned.1 * r.1).max(turned.0 * l.0 + turned.1 * l.1);
-                planes.push((i, j, turned.0, turned.1, offset + 1e-6 * reach));
+                let mut normal = Vec3::ZERO;
+                (normal[i], normal[j]) = turned;
+                shaft.set(used, normal, offset + 1e-6 * reach);
+                used += 1;
             }
         }
-        let center = 0.5 * (receivers.0 + receivers.1);
-        Shaft {
-            low: receivers.0.min(light.0),
-            high: receivers.1.max(light.1),
-            planes,
-            center,
-            // The middle rounds by an ulp of its coordinates.
-            radius: 0.5 * (receivers.1 - receivers.0).length()
-                + 1e-6 * center.abs().max_element().max(1.0),
+        shaft
+    }
+
+    fn set(&mut self, lane: usize, normal: Vec3, offset: f32) {
+        for axis in 0..3 {
+            self.rising[axis].0[lane] = normal[axis].max(0.0);
+            self.falling[axis].0[lane] = normal[axis].min(0.0);
         }
+        self.offset.0[lane] = offset;
     }
 
     /// Whether a node's box may have a part in the shaft.
     pub fn meets(&self, node: &Node) -> bool {
-        self.meets_box(node.min.into(), node.max.into())
+        // SAFETY: plain arrays need no features.
+        unsafe { self.meets_box::<Row>(node.min.into(), node.max.into()) }
     }
 
-    fn meets_box(&self, min: Vec3, max: Vec3) -> bool {
-        if min.cmpgt(self.high).any() || max.cmplt(self.low).any() {
-            return false;
+    /// Whether a box may have a part in the shaft.
+    #[inline(always)]
+    unsafe fn meets_box<S: Lanes>(&self, min: Vec3, max: Vec3) -> bool {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let mut nearest = S::splat(0.0);
+            for axis in 0..3 {
+                let rising = S::load(&self.rising[axis]).mul(S::splat(min[axis]));
+                let falling = S::load(&self.falling[axis]).mul(S::splat(max[axis]));
+                nearest = nearest.add(rising.add(falling));
+            }
+            nearest.le(S::load(&self.offset)) == u16::MAX
         }
-        self.planes.iter().all(|&(i, j, ni, nj, offset)| {
-            let nearest = |n: f32, k: usize| n * if n > 0.0 { min[k] } else { max[k] };
-            nearest(ni, i) + nearest(nj, j) <= offset
-        })
     }
 
     /// Whether the edge may have a part in the shaft and may be a silhouette edge for a receiver.
-    fn sees_edge(&self, edge: &EdgePlanes) -> bool {
+    #[inline(always)]
+    unsafe fn sees_edge<S: Lanes>(&self, edge: &EdgePlanes) -> bool {
         let [a, b] = edge.ends;
         let view = self.center - a;
         let [one, two] = edge.normals.map(|n| n.dot(view));
         // Rounding of the dot product, as where receivers are looked at one by one.
         let reach = self.radius + 1e-6 * view.abs().element_sum();
         let goes_on = one.min(two) > reach || one.max(two) < -reach;
-        !goes_on && self.meets_box(a.min(b), a.max(b))
+        // SAFETY: the caller enabled the features of `S`.
+        !goes_on && unsafe { self.meets_box::<S>(a.min(b), a.max(b)) }
     }
 
     /// Whether all receivers are in front of all triangles with normals in the cone and a corner in

@@ -11,14 +11,40 @@ pub(super) const FLAT: f32 = 0.05;
 /// A row of cells, a bit a column.
 type Cells = u32;
 
+/// Most runs of free cells in a grid: every other cell of every row.
+const RUNS: usize = GRID * GRID / 2;
+
 /// What is known about the cells.
-#[derive(Debug, Clone, Default)]
+///
+/// Connected parts of the cells that no edge touches are found as in connected-component labelling
+/// (Rosenfeld and Pfaltz 1966): by rows, each a few runs, joined to the runs of the row above that they
+/// adjoin.
+#[derive(Debug, Clone)]
 pub(super) struct Grid {
     /// Cells that an edge touches.
     marked: [Cells; GRID],
-    /// Connected parts of the others that were asked for, and the segment that answers for each. A
-    /// receiver seldom sees more than three, so a list is searched faster than cells are labelled.
-    parts: Vec<([Cells; GRID], u32)>,
+    /// First cells of the runs of each row, and the number of runs in the rows before.
+    starts: [Cells; GRID],
+    before: [u16; GRID],
+    /// The part that each run belongs to, named by one of its runs.
+    part: [u16; RUNS],
+    /// The segment that answers for each part, or [`NO_SEGMENT`].
+    segments: [u32; RUNS],
+}
+
+/// Marks a part that no segment answers for yet.
+const NO_SEGMENT: u32 = u32::MAX;
+
+impl Default for Grid {
+    fn default() -> Self {
+        Grid {
+            marked: [0; GRID],
+            starts: [0; GRID],
+            before: [0; GRID],
+            part: [0; RUNS],
+            segments: [NO_SEGMENT; RUNS],
+        }
+    }
 }
 
 impl Grid {
@@ -28,7 +54,6 @@ impl Grid {
     /// what is in it; the cells that it covers in part may, since it is convex.
     pub(super) fn clear(&mut self, disk: bool) {
         self.marked = if disk { OUTSIDE_DISK } else { [0; GRID] };
-        self.parts.clear();
     }
 
     /// Marks every cell within the line's thickness (in both directions) of it.
@@ -55,48 +80,67 @@ impl Grid {
         }
     }
 
+    /// Finds the connected parts, once all lines are marked.
+    pub(super) fn connect(&mut self) {
+        let mut runs = 0u16;
+        for r in 0..GRID {
+            let free = !self.marked[r];
+            self.starts[r] = free & !(free << 1);
+            self.before[r] = runs;
+            let mut left = free;
+            while left != 0 {
+                // Adding the run's first cell carries past its end.
+                let first = left & left.wrapping_neg();
+                let run = left & !left.wrapping_add(first);
+                left &= !run;
+                self.part[usize::from(runs)] = runs;
+                self.segments[usize::from(runs)] = NO_SEGMENT;
+                let above = if r > 0 { run & !self.marked[r - 1] } else { 0 };
+                let mut adjoining = above & !(above << 1);
+                while adjoining != 0 {
+                    let other = self.run_at(r - 1, adjoining.trailing_zeros() as usize);
+                    self.join(other, runs);
+                    adjoining &= adjoining - 1;
+                }
+                runs += 1;
+            }
+        }
+        // A run's part is named by an earlier run, so one pass in order names all by their first.
+        for run in 0..usize::from(runs) {
+            self.part[run] = self.part[usize::from(self.part[run])];
+        }
+    }
+
+    /// Number of the run that a free cell lies in.
+    fn run_at(&self, row: usize, column: usize) -> u16 {
+        let up_to = Cells::MAX >> (GRID - 1 - column);
+        self.before[row] + (self.starts[row] & up_to).count_ones() as u16 - 1
+    }
+
+    fn first_of(&self, mut run: u16) -> u16 {
+        while self.part[usize::from(run)] != run {
+            run = self.part[usize::from(run)];
+        }
+        run
+    }
+
+    fn join(&mut self, a: u16, b: u16) {
+        let (a, b) = (self.first_of(a), self.first_of(b));
+        self.part[usize::from(a.max(b))] = a.min(b);
+    }
+
     /// The segment that answers for a sample in this cell: that of its part, if there is one already,
     /// else `new()`, which stands for the whole part unless the cell is marked.
     pub(super) fn segment(&mut self, cell: u16, new: impl FnOnce() -> u32) -> u32 {
         let (row, column) = (usize::from(cell) / GRID, usize::from(cell) % GRID);
-        let holds = |rows: &[Cells; GRID]| rows[row] >> column & 1 == 1;
-        if holds(&self.marked) {
+        if self.marked[row] >> column & 1 == 1 {
             return new();
         }
-        if let Some((_, segment)) = self.parts.iter().find(|(rows, _)| holds(rows)) {
-            return *segment;
+        let part = usize::from(self.part[usize::from(self.run_at(row, column))]);
+        if self.segments[part] == NO_SEGMENT {
+            self.segments[part] = new();
         }
-        let segment = new();
-        self.parts.push((self.flood(row, column), segment));
-        segment
-    }
-
-    /// All unmarked cells that are connected to one of them (through sides).
-    fn flood(&self, row: usize, column: usize) -> [Cells; GRID] {
-        let mut rows: [Cells; GRID] = [0; GRID];
-        rows[row] = run(1 << column, !self.marked[row]);
-        // Sweeps down and up, each row filled from its neighbours, until nothing changes.
-        loop {
-            let mut changed = false;
-            let mut fill = |r: usize| {
-                let above = if r > 0 { rows[r - 1] } else { 0 };
-                let below = if r + 1 < GRID { rows[r + 1] } else { 0 };
-                let free = !self.marked[r];
-                let seeds = (rows[r] | above | below) & free;
-                if seeds != rows[r] {
-                    (changed, rows[r]) = (true, run(seeds, free));
-                }
-            };
-            for r in row..GRID {
-                fill(r);
-            }
-            for r in (0..GRID).rev() {
-                fill(r);
-            }
-            if !changed {
-                return rows;
-            }
-        }
+        self.segments[part]
     }
 }
 
@@ -118,21 +162,6 @@ const OUTSIDE_DISK: [Cells; GRID] = {
     }
     rows
 };
-
-/// All bits of `free` that adjoin `seeds` (bits of `free`) without a gap.
-///
-/// Upwards, adding the seeds to the free bits carries from the lowest seed of a run to the run's end: what
-/// the carry turned over, and the other seeds, is filled. Downwards, by doubling steps (Kogge and Stone
-/// 1973): cheaper than mirroring the words for another carry.
-fn run(seeds: Cells, free: Cells) -> Cells {
-    let mut filled = (free.wrapping_add(seeds) ^ free) & free | seeds;
-    let mut open = free;
-    for step in [1, 2, 4, 8, 16] {
-        filled |= open & (filled >> step);
-        open &= open >> step;
-    }
-    filled
-}
 
 #[cfg(test)]
 mod tests {
@@ -180,6 +209,7 @@ mod tests {
     fn a_line_across_the_light_leaves_two_parts() {
         let mut grid = Grid::default();
         grid.mark(&line([0.0, 16.7], [32.0, 17.5]));
+        grid.connect();
         let mut next = 0;
         let mut ask = |cell: u16| {
             grid.segment(cell, || {
@@ -190,15 +220,6 @@ mod tests {
         let line = 16 * GRID as u16;
         let answers = [0, 31, 33, 1023, 1000, line, line].map(&mut ask);
         assert_eq!(answers, [0, 0, 0, 1, 1, 2, 3]);
-    }
-
-    #[test]
-    fn runs_fill_up_and_down_to_the_next_gap() {
-        assert_eq!(run(0b0000_0100, 0b1110_1110), 0b0000_1110);
-        assert_eq!(run(0b0100_0100, 0b1110_1110), 0b1110_1110);
-        assert_eq!(run(1 << 31, !0), !0);
-        assert_eq!(run(0b101, 0b111), 0b111);
-        assert_eq!(run(0, !0), 0);
     }
 
     #[test]
@@ -227,6 +248,7 @@ mod tests {
             (x, y) = (x + dx, y + dy);
         }
         assert!(cells.len() > 400);
+        grid.connect();
         assert!(
             cells
                 .iter()

@@ -97,14 +97,7 @@ impl Group {
     fn collect_from(&mut self, geometry: &Geometry, bvh: &TriangleBvh, shaft: &Shaft) -> bool {
         let outline = bvh.outline(geometry);
         let nodes = &bvh.tree.nodes;
-        outline.candidates(
-            geometry,
-            nodes,
-            shaft,
-            MOST_EDGES,
-            &mut self.stack,
-            &mut self.edges,
-        )
+        outline.candidates(nodes, shaft, MOST_EDGES, &mut self.stack, &mut self.edges)
     }
 
     /// The images of edges that receiver `k` must heed; `None` where the light cannot be seen as a grid, or

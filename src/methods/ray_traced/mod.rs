@@ -320,6 +320,7 @@ impl PreparedRayTraced {
                 Some(lines) => {
                     s.grid.clear(light.sampler.is_disk());
                     lines.iter().for_each(|line| s.grid.mark(line));
+                    s.grid.connect();
                     s.pending.push(Pending::Parts {
                         receiver: i,
                         row: s.weights.len(),
