@@ -541,19 +541,24 @@ fn centered(bits: u32) -> f32 {
     ((bits >> 9) as f32 + 0.5) * (1.0 / (1 << 22) as f32) - 1.0
 }
 
-/// Grid cell of a point in [-1, 1]², row-major; of a point within an ulp of a border, either cell.
-///
-/// Adding 2²³ leaves the nearest whole number in the low bits, which the compiler's vectoriser can do for
-/// all lanes at once, unlike a cast.
+/// Grid cell of a point in [-1, 1]², row-major.
 #[inline(always)]
 fn cell(x: f32, y: f32) -> u16 {
     const HALF: f32 = 0.5 * GRID as f32;
-    const WHOLE: f32 = (1 << 23) as f32;
-    let index = |t: f32| {
-        let place = (t * HALF + (HALF - 0.5)).max(0.0).min((GRID - 1) as f32);
-        (place + WHOLE).to_bits() as u16 & (GRID as u16 - 1)
-    };
+    let index = |t: f32| grid_index(t * HALF + HALF) as u16;
     index(y) * GRID as u16 + index(x)
+}
+
+/// Row or column of a coordinate in cells, the nearest one outside of the grid; of a coordinate on a
+/// border, either neighbour.
+///
+/// Adding 2²³ leaves the nearest whole number in the low bits: unlike a cast, an operation that the
+/// compiler's vectoriser has for all lanes, and one without branches.
+#[inline(always)]
+pub fn grid_index(cells: f32) -> u32 {
+    const WHOLE: f32 = (1 << 23) as f32;
+    let place = (cells - 0.5).max(0.0).min((GRID - 1) as f32);
+    (place + WHOLE).to_bits() & (GRID as u32 - 1)
 }
 
 /// Shirley and Chiu's concentric map of [-1, 1]² onto the unit disk, equal in area.

@@ -2,7 +2,7 @@
 //! the others are connected.
 
 use super::project::Line;
-use crate::sampling::GRID;
+use crate::sampling::{GRID, grid_index};
 
 /// A segment that rises by less than this, in cells, is drawn over its whole width in every row that it
 /// touches: its slope would amplify rounding.
@@ -62,9 +62,7 @@ impl Grid {
         let thickness = line.thickness;
         let (p, q) = if p[1] <= q[1] { (p, q) } else { (q, p) };
         let rise = q[1] - p[1];
-        // Truncation rounds down where nothing is negative.
-        let row = |y: f32| y.clamp(0.0, (GRID - 1) as f32) as i32;
-        let (first, last) = (row(p[1] - thickness), row(q[1] + thickness));
+        let (first, last) = (grid_index(p[1] - thickness), grid_index(q[1] + thickness));
         let steep = rise > FLAT && first != last;
         let per_row = if steep { 1.0 / rise } else { 0.0 };
         for r in first..=last {
@@ -74,9 +72,10 @@ impl Grid {
                 x0 = along(r as f32 - thickness);
                 x1 = along(r as f32 + 1.0 + thickness);
             }
-            let (low, high) = (row(x0.min(x1) - thickness), row(x0.max(x1) + thickness));
+            let low = grid_index(x0.min(x1) - thickness);
+            let high = grid_index(x0.max(x1) + thickness);
             self.marked[r as usize] |=
-                (Cells::MAX << low) & (Cells::MAX >> (GRID as i32 - 1 - high));
+                (Cells::MAX << low) & (Cells::MAX >> (GRID as u32 - 1 - high));
         }
     }
 
