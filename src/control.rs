@@ -21,12 +21,17 @@ impl Control {
         self.total.fetch_add(items, Ordering::Relaxed);
     }
 
+    /// Marks `items` work items as finished, such as those that turned out not to be needed.
+    pub fn advance(&self, items: usize) {
+        self.done.fetch_add(items, Ordering::Relaxed);
+    }
+
     /// Marks one work item as finished.
     ///
     /// # Errors
     /// [`Error::Cancelled`] once [`Control::cancel`] was called.
     pub fn step(&self) -> Result<()> {
-        self.done.fetch_add(1, Ordering::Relaxed);
+        self.advance(1);
         self.check()
     }
 

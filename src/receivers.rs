@@ -183,7 +183,13 @@ impl Hit {
     }
 }
 
-/// Finds what a camera (in local coordinates) sees, and the receivers there.
+/// Most groups that a camera's pixels can make.
+pub fn most_groups(camera: &Camera) -> usize {
+    (camera.width.div_ceil(BLOCK) * camera.height.div_ceil(BLOCK)) as usize
+}
+
+/// Finds what a camera (in local coordinates) sees, and the receivers there: a step a tile, and a step for
+/// each of [`most_groups`].
 ///
 /// # Errors
 /// [`Error::Cancelled`].
@@ -235,14 +241,16 @@ pub fn from_camera(
             .groups
             .push(receivers.groups.last().copied().unwrap_or(0) + count as u32);
     }
+    control.advance(counts.len() - parts.len());
     parts
         .into_par_iter()
-        .for_each(|(block, positions, normals, index)| {
+        .try_for_each(|(block, positions, normals, index)| {
             for (i, pixel) in pixels_of(block).enumerate() {
                 (positions[i], normals[i]) = surface_point(geometry, camera, &surface, pixel);
                 index[i] = pixel;
             }
-        });
+            control.step()
+        })?;
     Ok((surface, receivers))
 }
 

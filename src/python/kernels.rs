@@ -18,7 +18,7 @@ pub(super) mod kernels {
     use crate::mesh::TriMesh;
     use crate::mesh::silhouettes::silhouette_edges as find_silhouettes;
     use crate::raster::nearest::{NONE, Nearest};
-    use crate::raster::rasterize as rasterize_into;
+    use crate::raster::{rasterize as rasterize_into, tile_count};
     use crate::sampling::{LightSamples, Pattern, Sampler};
     use crate::scene::{Material, Scene};
     use crate::simd::LANES;
@@ -110,6 +110,7 @@ pub(super) mod kernels {
             scene.add_mesh("kernel", vertices, &faces, material)?;
             let geometry = scene.geometry()?;
             let camera = world.to_local(&geometry.frame);
+            control.expect(tile_count(&camera));
             let (positions, faces) = (&geometry.positions, &geometry.faces);
             let tiles = rasterize_into(positions, faces, |_| true, &camera, control, Nearest::new)?;
             let mut ids = vec![-1i32; camera.pixels()];

@@ -17,7 +17,8 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Prepared;
-use crate::receivers::{Receivers, Surface, from_camera};
+use crate::raster::tile_count;
+use crate::receivers::{Receivers, Surface, from_camera, most_groups};
 use crate::render::{irradiance, unshadow};
 
 /// A method, prepared for a scene and its lights.
@@ -177,10 +178,14 @@ impl Ready {
         let geometry = &*self.geometry;
         let start = Instant::now();
         let camera = world.to_local(&geometry.frame);
-        check_memory(&camera, self.lights.len())?;
+        let lights = self.lights.len();
+        check_memory(&camera, lights)?;
+        // Announced before anything is known of the picture, so that the finished fraction only grows.
+        let most = most_groups(&camera);
+        control.expect(tile_count(&camera) + most * (1 + lights));
         let (surface, receivers) = from_camera(geometry, &camera, control)?;
         let receivers_seconds = start.elapsed().as_secs_f64();
-        control.expect(self.lights.len() * receivers.group_count());
+        control.advance(lights * (most - receivers.group_count()));
         let pixels = camera.pixels();
         let mut visibility = vec![1.0; pixels * self.lights.len()];
         let mut irradiances = Vec::with_capacity(self.lights.len());

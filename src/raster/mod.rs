@@ -56,8 +56,13 @@ struct Chunk {
     bins: Vec<Vec<u32>>,
 }
 
+/// Number of tiles of an image: the steps that [`rasterize`] takes.
+pub fn tile_count(camera: &Camera) -> usize {
+    (camera.width.div_ceil(TILE) * camera.height.div_ceil(TILE)) as usize
+}
+
 /// Rasterises `faces` (those for which `keep` is true) and returns every tile's sink, in rows of
-/// tiles from the top left.
+/// tiles from the top left, with one [`Control::step`] each.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
@@ -104,7 +109,7 @@ pub fn rasterize<S: Sink>(
     (0..columns * rows)
         .into_par_iter()
         .map(|index| {
-            control.check()?;
+            control.step()?;
             let (x, y) = (index % columns * TILE, index / columns * TILE);
             let tile = Tile {
                 x,
