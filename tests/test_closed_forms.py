@@ -52,7 +52,10 @@ def _rect_integral(light, p, n, weight):
     """
     c, u, v = (np.array(x) for x in (light.center, light.edge_u, light.edge_v))
     x, w = np.polynomial.legendre.leggauss(24)
-    height = lambda s, t: n @ (c + s * u + t * v - p)  # noqa: E731
+
+    def height(s, t):
+        return n @ (c + s * u + t * v - p)
+
     slope, g = n @ v, n @ u
 
     def inner(s):

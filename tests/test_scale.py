@@ -14,7 +14,10 @@ BODY = bumpy(20, seed=6)
 
 def _world(scale=1.0, move=(0.0, 0.0, 0.0), kind="rect", transform=None):
     """A body and a sphere over a ground, a light and a camera, all scaled and then moved."""
-    at = lambda p: np.asarray(p, dtype=np.float64) * scale + np.asarray(move)  # noqa: E731
+
+    def at(p):
+        return np.asarray(p, dtype=np.float64) * scale + np.asarray(move)
+
     vertices, faces = BODY
     ground, two = quad((0, 0, 0), (6, 0, 0), (0, 6, 0))
     scene = ss.Scene()

@@ -351,8 +351,8 @@ impl Shaft {
                 } else {
                     (-dj, di)
                 };
-                // Two boxes share at most three such planes a pair of axes, but rounding may add a
-                // fourth; without it the shaft is only wider.
+                // Boxes that cross can share four such planes a pair of axes, 18 in all with the sides of the
+                // box; without the last of them the shaft is only wider.
                 if turned.0 * out.0 <= 0.0 || turned.1 * out.1 <= 0.0 || used == LANES {
                     continue;
                 }

@@ -75,25 +75,25 @@ impl Adjacency {
     pub fn incident(&self, edge: usize) -> &[Incident] {
         &self.incident[self.first[edge] as usize..self.first[edge + 1] as usize]
     }
-
-    /// Edges with exactly one face.
-    pub fn boundary_count(&self) -> usize {
-        (0..self.edges.len())
-            .filter(|&e| self.incident(e).len() == 1)
-            .count()
-    }
-
-    /// Edges with more than two faces.
-    pub fn non_manifold_count(&self) -> usize {
-        (0..self.edges.len())
-            .filter(|&e| self.incident(e).len() > 2)
-            .count()
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn with_faces(adjacency: &Adjacency, wanted: impl Fn(usize) -> bool) -> usize {
+        (0..adjacency.edges().len())
+            .filter(|&e| wanted(adjacency.incident(e).len()))
+            .count()
+    }
+
+    fn boundary(adjacency: &Adjacency) -> usize {
+        with_faces(adjacency, |faces| faces == 1)
+    }
+
+    fn non_manifold(adjacency: &Adjacency) -> usize {
+        with_faces(adjacency, |faces| faces > 2)
+    }
 
     #[test]
     fn a_tetrahedron_has_six_edges_with_two_opposite_faces_each() {
@@ -106,10 +106,7 @@ mod tests {
             assert_ne!(a.forward, b.forward, "edge {e} is wound consistently");
             assert_ne!(a.opposite, b.opposite);
         }
-        assert_eq!(
-            (adjacency.boundary_count(), adjacency.non_manifold_count()),
-            (0, 0)
-        );
+        assert_eq!((boundary(&adjacency), non_manifold(&adjacency)), (0, 0));
     }
 
     #[test]
@@ -117,9 +114,6 @@ mod tests {
         let adjacency = Adjacency::new(&[[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 0, 1]]);
         assert_eq!(adjacency.edges().len(), 7);
         assert_eq!(adjacency.incident(0).len(), 3);
-        assert_eq!(
-            (adjacency.boundary_count(), adjacency.non_manifold_count()),
-            (6, 1)
-        );
+        assert_eq!((boundary(&adjacency), non_manifold(&adjacency)), (6, 1));
     }
 }

@@ -7,8 +7,8 @@
 //!
 //! A pixel belongs to a triangle when its centre does; a centre on an edge that two triangles share
 //! belongs to exactly one of them. Edge functions are `f64` and the same number, but for the sign, in
-//! both triangles at an edge, so there are neither cracks nor double hits. Screen coordinates are not
-//! snapped to a grid. Depth is perspective-correct, as `1 / z` in `f64`.
+//! both triangles at an edge, so there are neither cracks nor double hits (but for a sliver that rounding
+//! folds over its neighbour: it may be hit too). Screen coordinates are not snapped to a grid. Depth is perspective-correct, as `1 / z` in `f64`.
 
 pub mod nearest;
 pub mod setup;

@@ -1,8 +1,9 @@
 //! From a triangle to edge functions and a depth plane in the image.
 //!
 //! An edge function is evaluated from the edge's lexicographically lower end, in `f64`, whichever way
-//! the triangle runs through it: two triangles at an edge see the same number with opposite signs.
-//! Where it is exactly zero, the pixel's centre is moved by an infinitesimal (ε, ε²), which does what a
+//! the triangle runs through it: two triangles at an edge see the same number with opposite signs. Where
+//! its sign could be rounding it is found exactly, so that the edges of slivers do not contradict each
+//! other. Where it is exactly zero, the pixel's centre is moved by an infinitesimal (ε, ε²), which does what a
 //! top-left rule does. The near plane, [`NEAR`] of the scene's size in front of the eye, cuts edges at
 //! a point that depends on the edge alone.
 

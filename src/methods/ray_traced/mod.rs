@@ -10,11 +10,11 @@
 //! and seen only across silhouette edges (see [`crate::bvh::outline`]). Per group of receivers, the edges
 //! that can be silhouettes in the shaft to the light are collected from the hierarchy (`group`); per
 //! receiver, those that are, are projected onto the light (`project`) and drawn conservatively into a grid
-//! over it (`grid`). Samples in
-//! a connected part of the grid that no edge touches share one traced segment; the rest are traced one
-//! by one. A group's segments are sorted by where on the light they end, so that sixteen go together
-//! that are nearly the same. Since every doubt is decided towards tracing, the result is the same to the last bit as
-//! without; tests hold it to that. Most receivers see no edge at all and need one segment.
+//! over it (`grid`). Samples in a connected part of the grid that no edge touches share one traced segment;
+//! the rest are traced one by one. A group's segments are sorted by where on the light they end, so that
+//! sixteen go together that are nearly the same. Since every doubt is decided towards tracing, the result is
+//! the same to the last bit as without; tests hold it to that. Most receivers see no edge at all and need
+//! one segment.
 //!
 //! Where culling does not apply: a light that a triangle cuts or touches, spheres in the shaft, a
 //! sphere light so near that it fills most of the hemisphere, a group with more than [`MOST_EDGES`]
