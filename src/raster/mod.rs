@@ -13,14 +13,14 @@
 pub mod nearest;
 pub mod setup;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
 use crate::simd::{Lanes, detect, dispatch};
-use setup::Setup;
+use setup::{Block, Bounds, SHAPES, Setup};
 
 /// Pixels in a span, the unit that sinks receive.
 pub const SPAN: usize = 8;
@@ -28,7 +28,7 @@ pub const SPAN: usize = 8;
 /// Side of a tile in pixels: its 4096 depths and ids stay in the nearest caches.
 pub const TILE: u32 = 64;
 
-/// Triangles that one task sets up: enough to outweigh a task, few enough to balance.
+/// Triangles that one task puts into bins: enough to outweigh a task, few enough to balance.
 const CHUNK: usize = 4096;
 
 /// A tile of the image; its right and lower end may lie in the image's last, partial tile.
@@ -51,9 +51,36 @@ pub trait Sink: Send {
     fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], triangle: u32);
 }
 
-struct Chunk {
-    setups: Vec<Setup>,
-    bins: Vec<Vec<u32>>,
+/// The triangles of a chunk that reach into each tile, in order: those of tile `t` are
+/// `triangles[starts[t]..starts[t + 1]]`.
+struct Bins {
+    starts: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Bins {
+    /// Sorts pairs of a tile and a triangle by tile; pairs of one tile keep their order.
+    fn new(pairs: &[(u32, u32)], tiles: usize) -> Self {
+        // Counted two places up, the counts become the starts, and these the ends, as the bins fill.
+        let mut starts = vec![0; tiles + 2];
+        for &(tile, _) in pairs {
+            starts[tile as usize + 2] += 1;
+        }
+        for t in 2..starts.len() {
+            starts[t] += starts[t - 1];
+        }
+        let mut triangles = vec![0; pairs.len()];
+        for &(tile, triangle) in pairs {
+            let place = &mut starts[tile as usize + 1];
+            triangles[*place as usize] = triangle;
+            *place += 1;
+        }
+        Bins { starts, triangles }
+    }
+
+    fn of(&self, tile: usize) -> &[u32] {
+        &self.triangles[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
 }
 
 /// Number of tiles of an image: the steps that [`rasterize`] takes.
@@ -75,42 +102,41 @@ pub fn rasterize<S: Sink>(
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
     let columns = camera.width.div_ceil(TILE);
-    let rows = camera.height.div_ceil(TILE);
-    let points: Vec<_> = positions
+    let tiles = tile_count(camera);
+    let (points, bounds): (Vec<_>, Vec<_>) = positions
         .par_iter()
-        .map(|p| camera.project(p.as_dvec3()))
-        .collect();
-    let chunks: Vec<Chunk> = faces
+        .map(|p| {
+            let p = camera.project(p.as_dvec3());
+            (p, Bounds::of_vertex(p, camera))
+        })
+        .unzip();
+    let chunks: Vec<Bins> = faces
         .par_chunks(CHUNK)
         .enumerate()
-        .map(|(c, faces)| {
+        .map_init(Vec::new, |pairs, (c, faces)| {
             control.check()?;
-            let mut chunk = Chunk {
-                setups: Vec::new(),
-                bins: vec![Vec::new(); (columns * rows) as usize],
-            };
+            pairs.clear();
             for (i, face) in faces.iter().enumerate() {
                 let id = (c * CHUNK + i) as u32;
+                let Some((low, high)) = setup::pixels(face, &points, &bounds, camera) else {
+                    continue;
+                };
                 if keep(id) {
-                    setup::triangles(face, &points, id, camera, &mut |setup| {
-                        let place = chunk.setups.len() as u32;
-                        for ty in setup.low[1] / TILE..=setup.high[1] / TILE {
-                            for tx in setup.low[0] / TILE..=setup.high[0] / TILE {
-                                chunk.bins[(ty * columns + tx) as usize].push(place);
-                            }
+                    for ty in low[1] / TILE..=high[1] / TILE {
+                        for tx in low[0] / TILE..=high[0] / TILE {
+                            pairs.push((ty * columns + tx, id));
                         }
-                        chunk.setups.push(setup);
-                    });
+                    }
                 }
             }
-            Ok(chunk)
+            Ok(Bins::new(pairs, tiles))
         })
         .collect::<Result<_>>()?;
-    (0..columns * rows)
+    (0..tiles)
         .into_par_iter()
         .map(|index| {
             control.step()?;
-            let (x, y) = (index % columns * TILE, index / columns * TILE);
+            let (x, y) = (index as u32 % columns * TILE, index as u32 / columns * TILE);
             let tile = Tile {
                 x,
                 y,
@@ -119,46 +145,92 @@ pub fn rasterize<S: Sink>(
             };
             let mut sink = make(tile);
             for chunk in &chunks {
-                let bin = &chunk.bins[index as usize];
-                fill(&chunk.setups, bin, tile, &mut sink);
+                fill(faces, &points, chunk.of(index), camera, tile, &mut sink);
             }
             Ok((tile, sink))
         })
         .collect()
 }
 
-fn fill<T: Sink>(setups: &[Setup], bin: &[u32], tile: Tile, sink: &mut T) {
+/// Sets up and fills the part of `triangles` in a tile. A triangle is set up once a tile: most lie in one,
+/// and edge functions kept in memory from a pass of their own take longer to write and read.
+fn fill<T: Sink>(
+    faces: &[[u32; 3]],
+    points: &[DVec3],
+    triangles: &[u32],
+    camera: &Camera,
+    tile: Tile,
+    sink: &mut T,
+) {
     // A generic item cannot be named inside the functions that `dispatch!` makes, hence the trait
     // object; it is called once a span.
     let sink: &mut dyn Sink = sink;
-    dispatch!(detect() => fill_lanes(setups: &[Setup], bin: &[u32], tile: Tile, sink: &mut dyn Sink));
+    dispatch!(detect() => fill_lanes(
+        faces: &[[u32; 3]], points: &[DVec3], triangles: &[u32], camera: &Camera, tile: Tile,
+        sink: &mut dyn Sink,
+    ));
 }
 
-/// Compiled once per instruction set; the loops over a span are left to the compiler's vectoriser,
-/// which turns these few independent `f64` operations into whole registers.
+/// Compiled once per instruction set; the loops over a block's pixels are left to the compiler's
+/// vectoriser, which turns these few independent `f64` operations into whole registers.
 #[inline(always)]
-unsafe fn fill_lanes<S: Lanes>(setups: &[Setup], bin: &[u32], tile: Tile, sink: &mut dyn Sink) {
-    for &place in bin {
-        let setup = &setups[place as usize];
-        let x_end = setup.high[0].min(tile.x + tile.width - 1);
-        let y_end = setup.high[1].min(tile.y + tile.height - 1);
-        let x_start = setup.low[0].max(tile.x);
-        for y in setup.low[1].max(tile.y)..=y_end {
-            let row = setup.row(y);
-            let mut x = x_start;
-            while x <= x_end {
-                // SAFETY: the caller enabled the features of `S`.
-                let mut mask = unsafe { row.inside::<S>(x) };
-                let left = x_end - x + 1;
-                if left < SPAN as u32 {
-                    mask &= (1u8 << left) - 1;
-                }
-                if mask != 0 {
-                    sink.span(x, y, mask, &row.inverse_depth(x), setup.triangle);
-                }
-                x += SPAN as u32;
-            }
+unsafe fn fill_lanes<S: Lanes>(
+    faces: &[[u32; 3]],
+    points: &[DVec3],
+    triangles: &[u32],
+    camera: &Camera,
+    tile: Tile,
+    sink: &mut dyn Sink,
+) {
+    let mut setups = Vec::with_capacity(2);
+    for &triangle in triangles {
+        setups.clear();
+        setup::triangles(&faces[triangle as usize], points, camera, &mut setups);
+        for setup in &setups {
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe { fill_one::<S>(setup, triangle, tile, sink) };
         }
+    }
+}
+
+#[inline(always)]
+unsafe fn fill_one<S: Lanes>(setup: &Setup, triangle: u32, tile: Tile, sink: &mut dyn Sink) {
+    let (x_start, y_start) = (setup.low[0].max(tile.x), setup.low[1].max(tile.y));
+    let x_end = setup.high[0].min(tile.x + tile.width - 1);
+    let y_end = setup.high[1].min(tile.y + tile.height - 1);
+    if x_start > x_end || y_start > y_end {
+        return;
+    }
+    // Narrow triangles are seen in blocks of several rows.
+    let shape = &SHAPES[(x_end - x_start + 1)
+        .next_power_of_two()
+        .trailing_zeros()
+        .min(3) as usize];
+    let (columns, rows) = (shape.columns, SPAN as u32 / shape.columns);
+    let mut y = y_start;
+    while y <= y_end {
+        let mut x = x_start;
+        while x <= x_end {
+            let block = Block::new(shape, x, y);
+            let within = shape.first(x_end - x + 1, y_end - y + 1);
+            // SAFETY: the caller enabled the features of `S`.
+            let mask = unsafe { setup.inside::<S>(&block, within) };
+            if mask != 0 {
+                let depth = setup.inverse_depth(&block);
+                for row in 0..rows {
+                    let from = (row * columns) as usize;
+                    let mask = (mask >> from) & shape.row;
+                    if mask != 0 {
+                        let depth = depth[from..]
+                            .first_chunk()
+                            .expect("a span from any pixel on");
+                        sink.span(x, y + row, mask, depth, triangle);
+                    }
+                }
+            }
+            x += columns;
+        }
+        y += rows;
     }
 }
 

@@ -31,6 +31,17 @@ impl Sink for Nearest {
     #[inline]
     fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], triangle: u32) {
         let first = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;
+        if mask == u8::MAX {
+            // Without branches, for the middle of large triangles.
+            let kept = &mut self.inverse_depth[first..first + SPAN];
+            let ids = &mut self.triangle[first..first + SPAN];
+            for i in 0..SPAN {
+                let nearer = inverse_depth[i] > kept[i];
+                kept[i] = if nearer { inverse_depth[i] } else { kept[i] };
+                ids[i] = if nearer { triangle } else { ids[i] };
+            }
+            return;
+        }
         let mut left = mask;
         while left != 0 {
             let i = left.trailing_zeros() as usize;

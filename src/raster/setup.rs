@@ -47,63 +47,105 @@ pub struct Setup {
     pub low: [u32; 2],
     /// Last column and row.
     pub high: [u32; 2],
-    /// Index of the triangle.
-    pub triangle: u32,
 }
 
-/// One row of a [`Setup`].
-pub struct RowSetup<'a> {
-    setup: &'a Setup,
-    terms: [f64; 3],
-    cy: f64,
-    depth: f64,
+/// How the pixels of a block lie: in rows of so many columns.
+#[derive(Debug)]
+pub struct Shape {
+    /// Pixels in a row.
+    pub columns: u32,
+    /// One bit for each of these.
+    pub row: u8,
+    /// The first pixel of each row.
+    starts: u8,
+    x: [f64; SPAN],
+    y: [f64; SPAN],
 }
 
-impl Setup {
-    /// Prepares a row of pixels.
+/// Blocks of 1, 2, 4 and 8 columns.
+pub static SHAPES: [Shape; 4] = [shape(1), shape(2), shape(4), shape(8)];
+
+const fn shape(columns: u32) -> Shape {
+    let (mut x, mut y, mut starts) = ([0.0; SPAN], [0.0; SPAN], 0);
+    let mut i = 0;
+    while i < SPAN as u32 {
+        (x[i as usize], y[i as usize]) = ((i % columns) as f64, (i / columns) as f64);
+        if i % columns == 0 {
+            starts |= 1 << i;
+        }
+        i += 1;
+    }
+    let row = (u8::MAX as u32 >> (8 - columns)) as u8;
+    Shape {
+        columns,
+        row,
+        starts,
+        x,
+        y,
+    }
+}
+
+impl Shape {
+    /// The pixels in the first so many columns and rows.
     #[inline(always)]
-    pub fn row(&self, y: u32) -> RowSetup<'_> {
-        let cy = f64::from(y) + 0.5;
-        RowSetup {
-            setup: self,
-            terms: std::array::from_fn(|i| self.edges[i].dx * (cy - self.edges[i].y)),
-            cy,
-            depth: self.depth.y * cy + self.depth.z,
+    pub fn first(&self, columns: u32, rows: u32) -> u8 {
+        let row = u8::MAX >> (8 - columns.min(self.columns));
+        let rows = u8::MAX >> (8 - (rows * self.columns).min(8));
+        // A product with single bits that are a row apart is a copy to each row.
+        row.wrapping_mul(self.starts) & rows
+    }
+}
+
+/// Centres of [`SPAN`] pixels.
+pub struct Block {
+    x: [f64; SPAN],
+    y: [f64; SPAN],
+}
+
+impl Block {
+    /// A block with its first pixel at `(x, y)`.
+    #[inline(always)]
+    pub fn new(shape: &Shape, x: u32, y: u32) -> Self {
+        let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
+        Block {
+            x: std::array::from_fn(|i| x + shape.x[i]),
+            y: std::array::from_fn(|i| y + shape.y[i]),
         }
     }
 }
 
-impl RowSetup<'_> {
-    /// Which of the pixels from column `x` on are inside.
+impl Setup {
+    /// Which of the pixels `within` a block are inside.
     ///
     /// # Safety
     /// As for every function of [`Lanes`].
     #[inline(always)]
-    pub unsafe fn inside<S: Lanes>(&self, x: u32) -> u8 {
+    pub unsafe fn inside<S: Lanes>(&self, block: &Block, within: u8) -> u8 {
         // Smallest edge function, and smallest distance of one from what could be rounding.
         let (mut inside, mut clear) = ([f64::INFINITY; SPAN], [f64::INFINITY; SPAN]);
-        for (e, &term) in self.setup.edges.iter().zip(&self.terms) {
+        for e in &self.edges {
             for i in 0..SPAN {
-                let other = e.dy * (f64::from(x + i as u32) + 0.5 - e.x);
+                let (term, other) = (e.dx * (block.y[i] - e.y), e.dy * (block.x[i] - e.x));
                 let value = term - other;
-                inside[i] = inside[i].min(value - e.above);
-                clear[i] = clear[i].min(value.abs() - DOUBT * (term.abs() + other.abs()));
+                inside[i] = smaller(value - e.above, inside[i]);
+                let distance = value.abs() - DOUBT * (term.abs() + other.abs());
+                clear[i] = smaller(distance, clear[i]);
             }
         }
         // SAFETY: the caller enabled the features of `S`.
         let (inside, clear) = unsafe { (S::positive(&inside), S::positive(&clear)) };
-        if clear == u8::MAX {
-            inside
+        if within & !clear == 0 {
+            inside & within
         } else {
-            self.inside_exact(x)
+            self.inside_exact(block) & within
         }
     }
 
     #[cold]
-    fn inside_exact(&self, x: u32) -> u8 {
+    fn inside_exact(&self, block: &Block) -> u8 {
         (0..SPAN).fold(0, |mask, i| {
-            let p = [f64::from(x + i as u32) + 0.5, self.cy];
-            let inside = self.setup.edges.iter().all(|e| {
+            let p = [block.x[i], block.y[i]];
+            let inside = self.edges.iter().all(|e| {
                 let c = |p: [f64; 2]| robust::Coord { x: p[0], y: p[1] };
                 let value = e.sign * robust::orient2d(c([e.x, e.y]), c(e.to), c(p));
                 value > e.above
@@ -112,26 +154,106 @@ impl RowSetup<'_> {
         })
     }
 
-    /// Inverse depths of the pixels from column `x` on; kept within the triangle's own range, which
-    /// only matters for slivers.
+    /// Inverse depths of a block's pixels, and as many numbers more; kept within the triangle's own
+    /// range, which only matters for slivers.
     #[inline(always)]
-    pub fn inverse_depth(&self, x: u32) -> [f64; SPAN] {
-        let s = self.setup;
-        std::array::from_fn(|i| {
-            let cx = f64::from(x + i as u32) + 0.5;
-            (self.depth + s.depth.x * cx).clamp(s.range[0], s.range[1])
-        })
+    pub fn inverse_depth(&self, block: &Block) -> [f64; 2 * SPAN] {
+        let mut out = [0.0; 2 * SPAN];
+        for (i, out) in out[..SPAN].iter_mut().enumerate() {
+            let row = self.depth.y * block.y[i] + self.depth.z;
+            *out = (row + self.depth.x * block.x[i]).clamp(self.range[0], self.range[1]);
+        }
+        out
+    }
+}
+
+/// `f64::min`, in one instruction where `b` is a number.
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// Pixels whose centres can be covered: first column and row, last column and row negated, so that the
+/// bounds of several are their minima.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds([i32; 4]);
+
+impl Bounds {
+    /// Of a point behind the near plane, where the image says nothing.
+    const BEHIND: Bounds = Bounds([i32::MIN; 4]);
+
+    /// Bounds of a vertex, as [`Camera::project`] gives it.
+    pub fn of_vertex(p: DVec3, camera: &Camera) -> Self {
+        if p.z >= NEAR {
+            Bounds::of_point([p.x / p.z, p.y / p.z], camera)
+        } else {
+            Bounds::BEHIND
+        }
+    }
+
+    #[inline(always)]
+    fn of_point(p: [f64; 2], camera: &Camera) -> Self {
+        let (first_x, last_x) = centres(p[0], camera.width);
+        let (first_y, last_y) = centres(p[1], camera.height);
+        Bounds([first_x, first_y, -last_x, -last_y])
+    }
+
+    #[inline(always)]
+    fn and(self, o: Bounds) -> Bounds {
+        Bounds(std::array::from_fn(|i| self.0[i].min(o.0[i])))
+    }
+
+    /// First and last column and row, if there are any.
+    #[inline(always)]
+    fn pixels(self) -> Option<([u32; 2], [u32; 2])> {
+        let [x0, y0, x1, y1] = self.0;
+        let some = x0 <= -x1 && y0 <= -y1;
+        some.then_some(([x0 as u32, y0 as u32], [-x1 as u32, -y1 as u32]))
+    }
+}
+
+/// Of `size` pixels, the first with its centre at `x` or after it (`size` if none) and the last with its
+/// centre at `x` or before (-1 if none).
+#[inline(always)]
+fn centres(x: f64, size: u32) -> (i32, i32) {
+    // What is not a number bounds nothing.
+    if x.is_nan() {
+        return (i32::MAX, -i32::MAX);
+    }
+    let x = (x - 0.5).clamp(-1.0, f64::from(size));
+    // `floor` and `ceil` are calls where the instruction set is not known to have them.
+    let near = x as i32;
+    let floor = near - i32::from(f64::from(near) > x);
+    let ceil = near + i32::from(f64::from(near) < x);
+    (ceil.max(0), floor.min(size as i32 - 1))
+}
+
+/// First and last column and row of the pixels whose centres a triangle can cover; `points` and `bounds`
+/// are those of the vertices.
+#[inline(always)]
+pub fn pixels(
+    face: &[u32; 3],
+    points: &[DVec3],
+    bounds: &[Bounds],
+    camera: &Camera,
+) -> Option<([u32; 2], [u32; 2])> {
+    let [a, b, c] = face.map(|v| bounds[v as usize]);
+    let all = a.and(b).and(c);
+    if all.0 == Bounds::BEHIND.0 {
+        let (polygon, n) = in_front(face, points);
+        let corners = polygon[..n].iter();
+        corners
+            .map(|p| Bounds::of_point([p.x / p.z, p.y / p.z], camera))
+            .reduce(Bounds::and)?
+            .pixels()
+    } else {
+        all.pixels()
     }
 }
 
 /// Clips a triangle at the near plane and passes on what can cover a pixel's centre.
-pub fn triangles(
-    face: &[u32; 3],
-    points: &[DVec3],
-    triangle: u32,
-    camera: &Camera,
-    emit: &mut impl FnMut(Setup),
-) {
+#[inline(always)]
+pub fn triangles(face: &[u32; 3], points: &[DVec3], camera: &Camera, out: &mut Vec<Setup>) {
     let corners = face.map(|v| points[v as usize]);
     // The triangle's plane n·(x z, y z, z) = d gives 1/z = n·(x, y, 1) / d; from the whole triangle, since
     // what the near plane leaves of it may have corners millions of pixels away.
@@ -142,72 +264,51 @@ pub fn triangles(
     } else {
         DVec3::new(0.0, 0.0, 1.0 / corners[0].z)
     };
-    let in_front = corners.map(|p| p.z >= NEAR);
-    match in_front.iter().filter(|f| **f).count() {
-        0 => {}
-        3 => emit_one(corners, depth, triangle, camera, emit),
-        _ => {
-            let mut polygon = [DVec3::ZERO; 4];
-            let mut n = 0;
-            for i in 0..3 {
-                let j = (i + 1) % 3;
-                if in_front[i] {
-                    polygon[n] = corners[i];
-                    n += 1;
-                }
-                if in_front[i] != in_front[j] {
-                    // From the lower vertex, so that both triangles at the edge cut it alike.
-                    let (a, b) = if face[i] < face[j] { (i, j) } else { (j, i) };
-                    let (a, b) = (corners[a], corners[b]);
-                    let cut = a + (b - a) * ((NEAR - a.z) / (b.z - a.z));
-                    polygon[n] = DVec3::new(cut.x, cut.y, NEAR);
-                    n += 1;
-                }
-            }
-            emit_one(
-                [polygon[0], polygon[1], polygon[2]],
-                depth,
-                triangle,
-                camera,
-                emit,
-            );
-            if n == 4 {
-                emit_one(
-                    [polygon[0], polygon[2], polygon[3]],
-                    depth,
-                    triangle,
-                    camera,
-                    emit,
-                );
-            }
+    if corners.iter().all(|p| p.z >= NEAR) {
+        out.extend(one(corners, depth, camera));
+    } else {
+        let (polygon, n) = in_front(face, points);
+        for i in 2..n {
+            out.extend(one([polygon[0], polygon[i - 1], polygon[i]], depth, camera));
         }
     }
 }
 
-fn emit_one(
-    corners: [DVec3; 3],
-    depth: DVec3,
-    triangle: u32,
-    camera: &Camera,
-    emit: &mut impl FnMut(Setup),
-) {
-    let mut s = corners.map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z]);
-    let (mut low, mut high) = ([0u32; 2], [0u32; 2]);
-    for (axis, size) in [camera.width, camera.height].into_iter().enumerate() {
-        let min = s[0][axis].min(s[1][axis]).min(s[2][axis]);
-        let max = s[0][axis].max(s[1][axis]).max(s[2][axis]);
-        // Pixel centres within [min, max]. (What is not a number has no area, below.)
-        let first = (min - 0.5).ceil().max(0.0);
-        let last = (max - 0.5).floor().min(f64::from(size - 1));
-        if !(first <= last && min <= max) {
-            return;
+/// The corners of a triangle's part in front of the near plane, and their number.
+#[cold]
+fn in_front(face: &[u32; 3], points: &[DVec3]) -> ([DVec3; 4], usize) {
+    let corners = face.map(|v| points[v as usize]);
+    let in_front = corners.map(|p| p.z >= NEAR);
+    let mut polygon = [DVec3::ZERO; 4];
+    let mut n = 0;
+    for i in 0..3 {
+        let j = (i + 1) % 3;
+        if in_front[i] {
+            polygon[n] = corners[i];
+            n += 1;
         }
-        (low[axis], high[axis]) = (first as u32, last as u32);
+        if in_front[i] != in_front[j] {
+            // From the lower vertex, so that both triangles at the edge cut it alike.
+            let (a, b) = if face[i] < face[j] { (i, j) } else { (j, i) };
+            let (a, b) = (corners[a], corners[b]);
+            let cut = a + (b - a) * ((NEAR - a.z) / (b.z - a.z));
+            polygon[n] = DVec3::new(cut.x, cut.y, NEAR);
+            n += 1;
+        }
     }
+    (polygon, n)
+}
+
+/// Sets up a triangle in front of the near plane, if it has an area and can cover a pixel's centre.
+#[inline(always)]
+fn one(corners: [DVec3; 3], depth: DVec3, camera: &Camera) -> Option<Setup> {
+    let mut s = corners.map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z]);
+    let [a, b, c] = s.map(|p| Bounds::of_point([p[0], p[1]], camera));
+    let (low, high) = a.and(b).and(c).pixels()?;
     let c = |p: &[f64; 3]| robust::Coord { x: p[0], y: p[1] };
     let area = robust::orient2d(c(&s[0]), c(&s[1]), c(&s[2]));
     if area == 0.0 || !area.is_finite() {
-        return;
+        return None;
     }
     if area < 0.0 {
         s.swap(1, 2);
@@ -217,17 +318,17 @@ fn emit_one(
         s[0][2].min(s[1][2]).min(s[2][2]),
         s[0][2].max(s[1][2]).max(s[2][2]),
     ];
-    emit(Setup {
+    Some(Setup {
         edges,
         depth,
         range,
         low,
         high,
-        triangle,
-    });
+    })
 }
 
 /// Positive on the inner side of the edge from `a` to `b` of a triangle with positive area.
+#[inline(always)]
 fn edge(a: &[f64; 3], b: &[f64; 3]) -> EdgeFunction {
     let flip = (b[0], b[1]) < (a[0], a[1]);
     let (from, to) = if flip { (b, a) } else { (a, b) };
