@@ -84,11 +84,13 @@ impl Camera {
     }
 
     /// Homogeneous pixel coordinates: `(x z, y z, z)`.
+    #[inline]
     pub fn project(&self, p: DVec3) -> DVec3 {
         self.intrinsics * (self.rotation * (p - self.eye))
     }
 
     /// Direction through a point of the image with camera-space depth 1, not normalised.
+    #[inline(always)]
     pub fn direction(&self, x: f64, y: f64) -> DVec3 {
         let k = &self.intrinsics;
         let dy = (y - k.z_axis.y) / k.y_axis.y;

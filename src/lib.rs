@@ -26,6 +26,7 @@ pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod simd;
+mod surface;
 
 #[cfg(feature = "python")]
 mod python;

@@ -6,6 +6,8 @@
 //! Positions of pixels are found on the plane of the triangle that the rasteriser saw, in `f64`: they
 //! lie on the surface to a few `f64` ulps.
 
+use std::ops::Range;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -17,6 +19,7 @@ use crate::mesh::check_finite;
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::{TILE, rasterize};
 use crate::sampling::POINT_OFFSET;
+use crate::surface::Pixels;
 
 /// Most receivers in a group.
 pub const GROUP: usize = 64;
@@ -199,28 +202,21 @@ pub fn from_camera(
     control: &Control,
 ) -> Result<(Surface, Receivers)> {
     let surface = visible_surface(geometry, camera, control)?;
-    let (columns, rows) = (camera.width.div_ceil(BLOCK), camera.height.div_ceil(BLOCK));
-    let pixels_of = |block: u32| {
-        let (x0, y0) = (block % columns * BLOCK, block / columns * BLOCK);
-        let (x1, y1) = (
-            (x0 + BLOCK).min(camera.width),
-            (y0 + BLOCK).min(camera.height),
-        );
-        let hit = |&pixel: &u32| surface.hit[pixel as usize] != Hit::Nothing;
-        (y0..y1)
-            .flat_map(move |y| (x0..x1).map(move |x| y * camera.width + x))
-            .filter(hit)
-    };
     // Counted first, so that every block's receivers have their place and are found in parallel.
-    let counts: Vec<usize> = (0..columns * rows)
+    let counts: Vec<usize> = (0..most_groups(camera) as u32)
         .into_par_iter()
-        .map(|block| pixels_of(block).count())
+        .map(|block| {
+            let (xs, ys) = pixels_of(block, camera);
+            let seen = |hit: &&Hit| **hit != Hit::Nothing;
+            let row = |y| surface.hit[place(xs.start, y, camera)..].iter();
+            ys.map(|y| row(y).take(xs.len()).filter(seen).count()).sum()
+        })
         .collect();
     let total = counts.iter().sum();
     let mut receivers = Receivers {
-        positions: vec![DVec3::ZERO; total],
-        normals: vec![DVec3::ZERO; total],
-        index: vec![0; total],
+        positions: filled(DVec3::ZERO, total),
+        normals: filled(DVec3::ZERO, total),
+        index: filled(0, total),
         groups: vec![0],
     };
     let mut parts = Vec::with_capacity(counts.len());
@@ -242,16 +238,60 @@ pub fn from_camera(
             .push(receivers.groups.last().copied().unwrap_or(0) + count as u32);
     }
     control.advance(counts.len() - parts.len());
-    parts
-        .into_par_iter()
-        .try_for_each(|(block, positions, normals, index)| {
-            for (i, pixel) in pixels_of(block).enumerate() {
-                (positions[i], normals[i]) = surface_point(geometry, camera, &surface, pixel);
-                index[i] = pixel;
+    parts.into_par_iter().try_for_each_init(
+        Pixels::new,
+        |pixels, (block, positions, normals, index)| {
+            let (xs, ys) = pixels_of(block, camera);
+            let mut i = 0;
+            for y in ys {
+                for x in xs.clone() {
+                    let at = place(x, y, camera);
+                    match surface.hit[at] {
+                        Hit::Nothing => continue,
+                        Hit::Triangle(face) => {
+                            pixels.set(i, x, y, surface.depth[at], geometry.corners(face));
+                        }
+                        // Below.
+                        Hit::Sphere(_) => {}
+                    }
+                    index[i] = at as u32;
+                    i += 1;
+                }
+            }
+            pixels.find(camera);
+            for (i, &at) in index.iter().enumerate() {
+                (positions[i], normals[i]) = match surface.hit[at as usize] {
+                    Hit::Sphere(s) => {
+                        let (x, y) = (at % camera.width, at / camera.width);
+                        let d = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                        let z = surface.depth[at as usize];
+                        on_sphere(&geometry.spheres[s as usize], camera.eye, d, z)
+                    }
+                    _ => pixels.point(i),
+                };
             }
             control.step()
-        })?;
+        },
+    )?;
     Ok((surface, receivers))
+}
+
+/// Columns and rows of a block of pixels.
+fn pixels_of(block: u32, camera: &Camera) -> (Range<u32>, Range<u32>) {
+    let columns = camera.width.div_ceil(BLOCK);
+    let (x, y) = (block % columns * BLOCK, block / columns * BLOCK);
+    let end = |start: u32, size: u32| (start + BLOCK).min(size);
+    (x..end(x, camera.width), y..end(y, camera.height))
+}
+
+/// Where a pixel is in the image's arrays.
+fn place(x: u32, y: u32, camera: &Camera) -> usize {
+    y as usize * camera.width as usize + x as usize
+}
+
+/// A vector whose memory all threads touch first, so that the system clears its pages in parallel.
+fn filled<T: Clone + Send>(value: T, len: usize) -> Vec<T> {
+    rayon::iter::repeat_n(value, len).collect()
 }
 
 fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> Result<Surface> {
@@ -264,20 +304,28 @@ fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> R
         control,
         Nearest::new,
     )?;
-    let mut depth = vec![f64::INFINITY; camera.pixels()];
-    let mut hit = vec![Hit::Nothing; camera.pixels()];
-    for (tile, nearest) in tiles {
-        for row in 0..tile.height {
-            for column in 0..tile.width {
-                let from = (row * tile.width + column) as usize;
-                let to = ((tile.y + row) * camera.width + tile.x + column) as usize;
-                if nearest.triangle[from] != NONE {
-                    hit[to] = Hit::Triangle(nearest.triangle[from]);
-                    depth[to] = 1.0 / nearest.inverse_depth[from];
+    let mut depth = filled(f64::INFINITY, camera.pixels());
+    let mut hit = filled(Hit::Nothing, camera.pixels());
+    let width = camera.width as usize;
+    let rows_of_tiles = depth
+        .par_chunks_mut(width * TILE as usize)
+        .zip(hit.par_chunks_mut(width * TILE as usize))
+        .zip(tiles.par_chunks(camera.width.div_ceil(TILE) as usize));
+    rows_of_tiles.for_each(|((depth, hit), tiles)| {
+        for (tile, nearest) in tiles {
+            for row in 0..tile.height as usize {
+                let from = row * tile.width as usize;
+                let to = row * width + tile.x as usize;
+                for i in 0..tile.width as usize {
+                    let triangle = nearest.triangle[from + i];
+                    if triangle != NONE {
+                        hit[to + i] = Hit::Triangle(triangle);
+                        depth[to + i] = 1.0 / nearest.inverse_depth[from + i];
+                    }
                 }
             }
         }
-    }
+    });
     if !geometry.spheres.is_empty() {
         add_spheres(geometry, camera, &mut depth, &mut hit);
     }
@@ -350,40 +398,13 @@ fn sphere_depth(sphere: &Sphere, eye: DVec3, d: DVec3) -> Option<f64> {
     [t0.min(t1), t0.max(t1)].into_iter().find(|t| *t > 0.0)
 }
 
-/// Local position and normal, turned to the camera, of what a pixel sees.
-fn surface_point(
-    geometry: &Geometry,
-    camera: &Camera,
-    surface: &Surface,
-    pixel: u32,
-) -> (DVec3, DVec3) {
-    let (x, y) = (pixel % camera.width, pixel / camera.width);
-    let d = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-    match surface.hit[pixel as usize] {
-        Hit::Nothing => (DVec3::ZERO, DVec3::ZERO),
-        Hit::Triangle(face) => {
-            let [a, b, c] = geometry.corners(face).map(|v| v.as_dvec3());
-            let n = (b - a).cross(c - a);
-            // A triangle that covers a pixel's centre has an area; were its normal to underflow all the
-            // same, the receiver has no tangent plane.
-            let n = n.normalize_or_zero();
-            let slope = n.dot(d);
-            let z = surface.depth[pixel as usize];
-            // On the triangle's plane; seen exactly edge-on, the rasteriser's depth has to do.
-            let exact = n.dot(a - camera.eye) / slope;
-            let near = slope != 0.0 && (exact - z).abs() <= 1e-6 * z;
-            let p = camera.eye + d * if near { exact } else { z };
-            (p, if slope > 0.0 { -n } else { n })
-        }
-        Hit::Sphere(s) => {
-            let sphere = &geometry.spheres[s as usize];
-            let p = camera.eye + d * surface.depth[pixel as usize];
-            let n = (p - sphere.center).normalize();
-            // Back onto the surface, so that the error does not grow with the eye's distance.
-            let p = sphere.center + n * sphere.radius;
-            (p, if n.dot(d) > 0.0 { -n } else { n })
-        }
-    }
+/// Position and normal, turned to the eye, where the ray from `eye` along `d` meets a sphere at depth `z`.
+fn on_sphere(sphere: &Sphere, eye: DVec3, d: DVec3, z: f64) -> (DVec3, DVec3) {
+    let p = eye + d * z;
+    let n = (p - sphere.center).normalize();
+    // Back onto the surface, so that the error does not grow with the eye's distance.
+    let p = sphere.center + n * sphere.radius;
+    (p, if n.dot(d) > 0.0 { -n } else { n })
 }
 
 #[cfg(test)]
