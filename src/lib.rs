@@ -14,6 +14,7 @@
 
 pub mod bvh;
 pub mod camera;
+mod contour;
 pub mod control;
 pub mod error;
 pub mod geometry;

@@ -8,6 +8,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
+use crate::contour::{self, rect_corners};
 use crate::error::{Error, Result};
 use crate::geometry::Frame;
 
@@ -213,7 +214,7 @@ impl Light {
         let d = self.center() - p;
         let value = match self.shape {
             Shape::Rect { u, v, .. } => {
-                polygon_irradiance(clip_above(&rect_corners(d, u, v), n).corners(), n)
+                contour::polygon(clip_above(&rect_corners(d, u, v), n).corners(), n)
             }
             Shape::Disk { normal, radius, .. } => disk_irradiance(d, normal, radius, n),
             Shape::Sphere { radius, .. } => {
@@ -225,6 +226,37 @@ impl Light {
             }
         };
         value.max(0.0)
+    }
+
+    /// [`Light::fraction_above`] and [`Light::unshadowed_irradiance`] of many receivers, the same to the
+    /// bit: calls `each` with the receiver's number and these two.
+    pub fn unshadowed(
+        &self,
+        positions: &[DVec3],
+        normals: &[DVec3],
+        mut each: impl FnMut(usize, f64, f64),
+    ) {
+        let mut rect = match self.shape {
+            Shape::Rect { center, u, v } => Some(contour::Rect::new(center, u, v)),
+            Shape::Disk { .. } | Shape::Sphere { .. } => None,
+        };
+        let parts = positions
+            .chunks(contour::MOST)
+            .zip(normals.chunks(contour::MOST));
+        for (part, (positions, normals)) in parts.enumerate() {
+            if let Some(rect) = &mut rect {
+                rect.find(positions, normals);
+            }
+            for (i, (&p, &n)) in positions.iter().zip(normals).enumerate() {
+                let (h, irradiance) = match &rect {
+                    Some(rect) if rect.height[i] > 0.0 && self.emits_towards(p) => {
+                        (1.0, rect.irradiance[i])
+                    }
+                    _ => (self.fraction_above(p, n), self.unshadowed_irradiance(p, n)),
+                };
+                each(part * contour::MOST + i, h, irradiance);
+            }
+        }
     }
 
     /// Whether `p` is in front of a flat light, or outside a sphere.
@@ -256,11 +288,6 @@ fn non_negative(what: &str, radius: f64) -> Result<()> {
         what,
         format!("radius must be 0 or more, got {radius}"),
     ))
-}
-
-fn rect_corners(d: DVec3, u: DVec3, v: DVec3) -> [DVec3; 4] {
-    let (a, b) = (0.5 * u, 0.5 * v);
-    [d - a - b, d + a - b, d + a + b, d - a + b]
 }
 
 /// A convex polygon of at most five corners: a rectangle cut by a plane.
@@ -310,24 +337,6 @@ fn polygon_area(polygon: &[DVec3]) -> f64 {
         .map(|w| (w[0] - origin).cross(w[1] - origin))
         .sum::<DVec3>()
         .length()
-}
-
-/// Half the angle that two directions span, over the sine of that angle, times their cross product:
-/// a contour edge's share in Lambert's formula.
-fn contour_edge(a: DVec3, b: DVec3) -> DVec3 {
-    let cross = a.cross(b);
-    let sin = cross.length();
-    if sin == 0.0 {
-        DVec3::ZERO
-    } else {
-        cross * (0.5 * sin.atan2(a.dot(b)) / sin)
-    }
-}
-
-fn polygon_irradiance(polygon: &[DVec3], n: DVec3) -> f64 {
-    let edges =
-        (0..polygon.len()).map(|i| contour_edge(polygon[i], polygon[(i + 1) % polygon.len()]));
-    edges.sum::<DVec3>().dot(n).abs()
 }
 
 /// Fraction of a disk on the positive side of a line at signed distance `height / slope` radii from
@@ -382,21 +391,22 @@ fn disk_irradiance(d: DVec3, m: DVec3, radius: f64, n: DVec3) -> f64 {
     if h0 <= -h1 {
         return 0.0;
     }
-    let point = |phi: f64| d + radius * (phi.cos() * e1 + phi.sin() * e2);
-    let (start, end, chord) = if h0 >= h1 {
-        (-PI, PI, 0.0)
-    } else {
-        let middle = hs.atan2(hc);
-        let half = (-h0 / h1).clamp(-1.0, 1.0).acos();
-        let (start, end) = (middle - half, middle + half);
-        (start, end, contour_edge(point(end), point(start)).dot(n))
-    };
     let a = d.length_squared() + radius * radius;
     let b = 2.0 * radius * offset;
     // r × dr/dφ = radius (d × e(φ)') + radius² m
     let alpha = radius * radius * n.dot(m);
     let beta = radius * n.dot(d.cross(e2));
     let gamma = -radius * n.dot(d.cross(e1));
+    if h0 >= h1 {
+        // Over the whole turn γ's part is zero and β's -2π b / (root (root + a)), without cancellation.
+        let root = ((a - b) * (a + b)).max(0.0).sqrt();
+        return (PI / root * (alpha - beta * b / (root + a))).abs();
+    }
+    let middle = hs.atan2(hc);
+    let half = (-h0 / h1).clamp(-1.0, 1.0).acos();
+    let (start, end) = (middle - half, middle + half);
+    let point = |phi: f64| d + radius * (phi.cos() * e1 + phi.sin() * e2);
+    let chord = contour::edge(point(end), point(start)).dot(n);
     let arc = rational_arc(a, b, alpha, beta, gamma, start, end);
     (0.5 * arc + chord).abs()
 }

@@ -1,12 +1,14 @@
 //! From visibility to radiance, the same for all methods.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Shading;
 use crate::receivers::{Receivers, Surface};
+
+/// Receivers that one task lights.
+const CHUNK: usize = 1024;
 
 /// Where a surface does not receive shadows, replaces what the method found by the unshadowed light.
 pub fn unshadow(
@@ -39,13 +41,17 @@ pub fn irradiance(shading: Shading, receivers: &Receivers, light: &Light) -> Vec
     if let Some(own) = shading.irradiance {
         return own;
     }
-    let one = |i: usize| {
-        let (p, n): (DVec3, DVec3) = (receivers.positions[i], receivers.normals[i]);
-        let h = light.fraction_above(p, n);
-        if h <= 0.0 || shading.visibility[i] <= 0.0 {
-            return 0.0;
-        }
-        (light.unshadowed_irradiance(p, n) * f64::from(shading.visibility[i]) / h) as f32
-    };
-    (0..receivers.len()).into_par_iter().map(one).collect()
+    let mut out = vec![0.0; receivers.len()];
+    out.par_chunks_mut(CHUNK)
+        .zip(shading.visibility.par_chunks(CHUNK))
+        .zip(receivers.positions.par_chunks(CHUNK))
+        .zip(receivers.normals.par_chunks(CHUNK))
+        .for_each(|(((out, visibility), positions), normals)| {
+            light.unshadowed(positions, normals, |i, h, irradiance| {
+                if h > 0.0 && visibility[i] > 0.0 {
+                    out[i] = (irradiance * f64::from(visibility[i]) / h) as f32;
+                }
+            });
+        });
+    out
 }
