@@ -549,6 +549,12 @@ fn cell(x: f32, y: f32) -> u16 {
     index(y) * GRID as u16 + index(x)
 }
 
+/// Place of a grid cell on the Morton curve over the grid.
+pub fn cell_place(cell: u16) -> u32 {
+    let (row, column) = (u32::from(cell) / GRID as u32, u32::from(cell) % GRID as u32);
+    morton(column) | morton(row) << 1
+}
+
 /// Row or column of a coordinate in cells, the nearest one outside of the grid; of a coordinate on a
 /// border, either neighbour.
 ///

@@ -38,7 +38,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
-use crate::sampling::{LightSamples, Pattern, Sampler};
+use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
 use grid::Grid;
 use group::{Found, Group};
@@ -190,30 +190,34 @@ enum Pending {
 /// Marks a sample that is not valid and has no segment.
 const NO_SEGMENT: u32 = u32::MAX;
 
+/// The grid cell that the light's middle lies in.
+const MIDDLE: u16 = (GRID * GRID / 2 + GRID / 2) as u16;
+
 /// Segments of a group of receivers.
 #[derive(Default)]
 struct Tracer {
     packet: Packet,
     stack: Vec<u32>,
-    /// Sample, receiver and target of each segment.
+    /// Place on the light, receiver and target of each segment.
     segments: Vec<(u32, u32, Vec3)>,
     order: Vec<u64>,
     through: Vec<f32>,
 }
 
 impl Tracer {
-    /// Adds the segment from the group's receiver `k` to its light sample `sample`.
-    fn add(&mut self, k: usize, sample: usize, target: Vec3) -> u32 {
-        self.segments.push((sample as u32, k as u32, target));
+    /// Adds the segment from the group's receiver `k` to a target in this cell of the light.
+    fn add(&mut self, k: usize, cell: u16, target: Vec3) -> u32 {
+        self.segments.push((cell_place(cell), k as u32, target));
         self.segments.len() as u32 - 1
     }
 
-    /// Traces all segments, sorted by sample (samples are in Morton order on the light).
+    /// Traces all segments, sorted by where on the light they end: the same sample of two receivers, each
+    /// with digits of its own flipped, can lie anywhere.
     fn trace(&mut self, occluders: &Occluders, origins: &[Vec3]) {
         self.order.clear();
         let keys = self.segments.iter().enumerate();
         self.order
-            .extend(keys.map(|(s, &(sample, ..))| u64::from(sample) << 32 | s as u64));
+            .extend(keys.map(|(s, &(place, ..))| u64::from(place) << 32 | s as u64));
         self.order.sort_unstable();
         self.through.clear();
         self.through.resize(self.segments.len(), 0.0);
@@ -309,7 +313,7 @@ impl PreparedRayTraced {
             match lines {
                 Some([]) if binary => {
                     // Any light point will do; the same for neighbours keeps their segments together.
-                    let segment = s.tracer.add(k, 0, light.sampler.middle(p));
+                    let segment = s.tracer.add(k, MIDDLE, light.sampler.middle(p));
                     let sums = sums_of_valid(&s.samples);
                     s.pending.push(Pending::Whole {
                         receiver: i,
@@ -371,9 +375,8 @@ impl Scratch {
             let mut sources = [NO_SEGMENT; LANES];
             for lane in bits(valid) {
                 let sample = r * LANES + lane;
-                sources[lane] = grid.segment(samples.cells[r][lane], || {
-                    tracer.add(k, sample, samples.point(sample))
-                });
+                let cell = samples.cells[r][lane];
+                sources[lane] = grid.segment(cell, || tracer.add(k, cell, samples.point(sample)));
             }
             self.sources.push(sources);
         }
