@@ -555,14 +555,16 @@ pub fn cell_place(cell: u16) -> u32 {
     morton(column) | morton(row) << 1
 }
 
+/// The least `f32` from which on there is nothing between whole numbers.
+pub const WHOLE: f32 = (1 << 23) as f32;
+
 /// Row or column of a coordinate in cells, the nearest one outside of the grid; of a coordinate on a
 /// border, either neighbour.
 ///
-/// Adding 2²³ leaves the nearest whole number in the low bits: unlike a cast, an operation that the
+/// Adding [`WHOLE`] leaves the nearest whole number in the low bits: unlike a cast, an operation that the
 /// compiler's vectoriser has for all lanes, and one without branches.
 #[inline(always)]
 pub fn grid_index(cells: f32) -> u32 {
-    const WHOLE: f32 = (1 << 23) as f32;
     let place = (cells - 0.5).max(0.0).min((GRID - 1) as f32);
     (place + WHOLE).to_bits() & (GRID as u32 - 1)
 }

@@ -6,11 +6,12 @@
 use glam::Vec3;
 
 use super::MOST_EDGES;
-use super::project::{Line, Lines, Viewers};
+use super::grid::Cells;
+use super::project::{Images, Viewers};
 use crate::bvh::TriangleBvh;
 use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
 use crate::geometry::Geometry;
-use crate::sampling::{Sampler, View};
+use crate::sampling::{GRID, Sampler, View};
 
 /// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
 /// light's own width.
@@ -30,6 +31,16 @@ pub(super) enum Found {
     NotHere,
 }
 
+/// What a receiver sees of the edges before the light.
+pub(super) enum Seen<'a> {
+    /// The light cannot be seen as a grid, or an edge comes too close.
+    Unclear,
+    /// There are none.
+    NoEdge,
+    /// They touch these cells of the grid.
+    Edges(&'a [Cells; GRID]),
+}
+
 /// What a thread knows of the group that it works on.
 #[derive(Default)]
 pub(super) struct Group {
@@ -37,7 +48,7 @@ pub(super) struct Group {
     edges: Vec<EdgePlanes>,
     views: Vec<Option<View>>,
     viewers: Box<Viewers>,
-    lines: Lines,
+    images: Box<Images>,
 }
 
 impl Group {
@@ -79,7 +90,7 @@ impl Group {
             .all(|bvh| self.collect_from(geometry, bvh, &shaft));
         if found {
             self.viewers.set(&self.views, origins);
-            self.viewers.project(&self.edges, &mut self.lines);
+            self.viewers.project(&self.edges, &mut self.images);
             return Found::All;
         }
         // Halving the receivers narrows the shaft only where they are spread wide next to the light,
@@ -100,10 +111,14 @@ impl Group {
         outline.candidates(nodes, shaft, MOST_EDGES, &mut self.stack, &mut self.edges)
     }
 
-    /// The images of edges that receiver `k` must heed; `None` where the light cannot be seen as a grid, or
-    /// an edge comes too close.
-    pub(super) fn lines(&self, k: usize) -> Option<&[Line]> {
-        let clear = self.views[k].is_some() && self.lines.unclear >> k & 1 == 0;
-        clear.then_some(&self.lines.of[k])
+    /// What edges cover of the light that receiver `k` sees.
+    pub(super) fn seen_by(&self, k: usize) -> Seen<'_> {
+        if self.views[k].is_none() || self.images.unclear >> k & 1 == 1 {
+            Seen::Unclear
+        } else if self.images.touched >> k & 1 == 0 {
+            Seen::NoEdge
+        } else {
+            Seen::Edges(&self.images.marked[k])
+        }
     }
 }

@@ -41,7 +41,7 @@ use crate::receivers::Receivers;
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
 use grid::Grid;
-use group::{Found, Group};
+use group::{Found, Group, Seen};
 
 /// Most samples a receiver.
 pub const MOST_SAMPLES: usize = 1 << 16;
@@ -309,9 +309,13 @@ impl PreparedRayTraced {
                 put(i, [0.0; 2]);
                 continue;
             }
-            let lines = if known { s.group.lines(k) } else { None };
-            match lines {
-                Some([]) if binary => {
+            let seen = if known {
+                s.group.seen_by(k)
+            } else {
+                Seen::Unclear
+            };
+            match seen {
+                Seen::NoEdge if binary => {
                     // Any light point will do; the same for neighbours keeps their segments together.
                     let segment = s.tracer.add(k, MIDDLE, light.sampler.middle(p));
                     let sums = sums_of_valid(&s.samples);
@@ -321,17 +325,20 @@ impl PreparedRayTraced {
                         sums,
                     });
                 }
-                Some(lines) => {
-                    s.grid.clear(light.sampler.is_disk());
-                    lines.iter().for_each(|line| s.grid.mark(line));
-                    s.grid.connect();
+                Seen::NoEdge | Seen::Edges(_) => {
+                    let marked = if let Seen::Edges(cells) = seen {
+                        cells
+                    } else {
+                        &[0; GRID]
+                    };
+                    s.grid.connect(marked, light.sampler.is_disk());
                     s.pending.push(Pending::Parts {
                         receiver: i,
                         row: s.weights.len(),
                     });
                     s.share_segments(k);
                 }
-                None => put(i, s.trace_all(occluders, s.origins[k])),
+                Seen::Unclear => put(i, s.trace_all(occluders, s.origins[k])),
             }
         }
         s.tracer.trace(occluders, &s.origins);

@@ -6,9 +6,10 @@
 
 use glam::Vec3;
 
+use super::grid::{Cells, Line, columns, draw};
 use crate::bvh::outline::EdgePlanes;
 use crate::receivers::GROUP;
-use crate::sampling::{GRID, View};
+use crate::sampling::{GRID, View, WHOLE};
 use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 
 /// Rows of lanes in a group of receivers.
@@ -29,15 +30,6 @@ const WIDEST: f32 = 4.0;
 /// How far, as a fraction of an edge, its clipped ends are moved outwards: more than a quotient's rounding.
 const CLIP_SLACK: f32 = 1e-6;
 
-/// The image of an edge in the grid over the light, in cells.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Line {
-    /// Ends.
-    pub(super) ends: [[f32; 2]; 2],
-    /// By how much the image may be off, in both directions.
-    pub(super) thickness: f32,
-}
-
 /// Receivers and their views of the light, lane by lane.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Viewers {
@@ -53,17 +45,20 @@ pub(super) struct Viewers {
 
 /// What each receiver of a group sees.
 #[derive(Debug, Clone)]
-pub(super) struct Lines {
-    /// The images that it must heed.
-    pub(super) of: [Vec<Line>; GROUP],
-    /// The receivers that an edge comes too close to, a bit each.
+pub(super) struct Images {
+    /// The cells of the grid over the light that edges touch.
+    pub(super) marked: [[Cells; GRID]; GROUP],
+    /// The receivers that see an edge, a bit each.
+    pub(super) touched: u64,
+    /// The receivers that an edge comes too close to.
     pub(super) unclear: u64,
 }
 
-impl Default for Lines {
+impl Default for Images {
     fn default() -> Self {
-        Lines {
-            of: std::array::from_fn(|_| Vec::new()),
+        Images {
+            marked: [[0; GRID]; GROUP],
+            touched: 0,
             unclear: 0,
         }
     }
@@ -89,13 +84,12 @@ impl Viewers {
         }
     }
 
-    /// Finds what each receiver sees of `edges`.
-    pub(super) fn project(&self, edges: &[EdgePlanes], lines: &mut Lines) {
-        lines.of.iter_mut().for_each(Vec::clear);
-        lines.unclear = 0;
+    /// Draws what each receiver sees of `edges`.
+    pub(super) fn project(&self, edges: &[EdgePlanes], images: &mut Images) {
+        *images = Images::default();
         let viewers = self;
         dispatch!(detect() => project_lanes(
-            edges: &[EdgePlanes], viewers: &Viewers, lines: &mut Lines));
+            edges: &[EdgePlanes], viewers: &Viewers, images: &mut Images));
     }
 }
 
@@ -140,7 +134,7 @@ unsafe fn size<S: Lanes>(p: &[S; 3]) -> S {
 }
 
 #[inline(always)]
-unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, lines: &mut Lines) {
+unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, images: &mut Images) {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let zero = S::splat(0.0);
@@ -191,7 +185,7 @@ unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, lines
                         size_a.max(size_b).mul(steepness),
                         blur,
                     );
-                    clipped.put(row, seen, lines);
+                    clipped.draw(row, seen, images);
                 }
             }
         }
@@ -272,40 +266,81 @@ unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S, light_blur: S) -> Clippe
 }
 
 impl<S: Lanes> Clipped<S> {
-    /// Adds the images to the lists of the receivers in `seen`.
+    /// Draws the images into the grids of the receivers in `seen`.
     #[inline(always)]
-    unsafe fn put(self, row: usize, seen: u16, lines: &mut Lines) {
+    unsafe fn draw(self, row: usize, seen: u16, images: &mut Images) {
+        let mut left = seen & !self.nothing;
+        images.unclear |= u64::from(left & !self.clear) << (row * LANES);
+        left &= self.clear;
+        images.touched |= u64::from(left) << (row * LANES);
+        let [[x0, y0], [x1, y1]] = self.ends;
         let mut rows = [Row::default(); 5];
+        let (mut columns_of, mut rows_of) = ([Row::default(); 2], [Row::default(); 2]);
         // SAFETY: the caller enabled the features of `S`.
         unsafe {
-            self.ends[0][0].store(&mut rows[0]);
-            self.ends[0][1].store(&mut rows[1]);
-            self.ends[1][0].store(&mut rows[2]);
-            self.ends[1][1].store(&mut rows[3]);
-            self.thickness.store(&mut rows[4]);
+            for (value, row) in [x0, y0, x1, y1, self.thickness].into_iter().zip(&mut rows) {
+                value.store(row);
+            }
+            cell_range(x0, x1, self.thickness, &mut columns_of);
+            cell_range(y0, y1, self.thickness, &mut rows_of);
         }
-        let mut left = seen & !self.nothing;
-        lines.unclear |= u64::from(left & !self.clear) << (row * LANES);
-        left &= self.clear;
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
             left &= left - 1;
-            let [x0, y0, x1, y1, thickness] = rows.map(|r| r.0[lane]);
+            let marked = &mut images.marked[row * LANES + lane];
+            let (low, high) = (index(&columns_of[0], lane), index(&columns_of[1], lane));
+            let (first, last) = (index(&rows_of[0], lane), index(&rows_of[1], lane));
+            if first == last || low == high {
+                // An image in one row or column: all cells around it, without its slope.
+                for cells in &mut marked[first as usize..=last as usize] {
+                    *cells |= columns(low, high);
+                }
+                continue;
+            }
             let line = Line {
-                ends: [[x0, y0], [x1, y1]],
-                thickness,
+                ends: [
+                    [rows[0].0[lane], rows[1].0[lane]],
+                    [rows[2].0[lane], rows[3].0[lane]],
+                ],
+                thickness: rows[4].0[lane],
             };
-            lines.of[row * LANES + lane].push(line);
+            draw(marked, &line);
         }
     }
+}
+
+/// First and last rows or columns within the thickness of both coordinates, to be read by [`index`].
+#[inline(always)]
+unsafe fn cell_range<S: Lanes>(a: S, b: S, thickness: S, out: &mut [Row; 2]) {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        cell_place(a.min(b).sub(thickness)).store(&mut out[0]);
+        cell_place(a.max(b).add(thickness)).store(&mut out[1]);
+    }
+}
+
+/// A coordinate as [`grid_index`] rounds it, before its last step.
+#[inline(always)]
+unsafe fn cell_place<S: Lanes>(cells: S) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let place = cells.sub(S::splat(0.5)).max(S::splat(0.0));
+        place.min(S::splat((GRID - 1) as f32)).add(S::splat(WHOLE))
+    }
+}
+
+/// The last step of [`grid_index`].
+fn index(places: &Row, lane: usize) -> u32 {
+    places.0[lane].to_bits() & (GRID as u32 - 1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// One receiver at the origin that sees the light as the unit square at distance 1 along z.
-    fn lines(ends: [[f32; 3]; 2]) -> (Vec<Line>, bool) {
+    /// What one receiver at the origin, which sees the light as the unit square at distance 1 along z, sees of
+    /// an edge: the cells, and whether it is unclear.
+    fn seen(ends: [[f32; 3]; 2]) -> (Option<[Cells; GRID]>, bool) {
         let mut viewers = Viewers::default();
         let view = View {
             u: Vec3::X,
@@ -314,36 +349,56 @@ mod tests {
             reach: 0.0,
         };
         viewers.set(&[Some(view)], &[Vec3::ZERO]);
-        let mut lines = Lines::default();
+        let mut images = Images::default();
         let edge = EdgePlanes {
             ends: ends.map(Vec3::from),
             normals: [Vec3::ZERO; 2],
         };
-        viewers.project(&[edge], &mut lines);
-        (lines.of[0].clone(), lines.unclear & 1 == 1)
+        viewers.project(&[edge], &mut images);
+        let touched = images.touched & 1 == 1;
+        (touched.then_some(images.marked[0]), images.unclear & 1 == 1)
     }
 
     #[test]
-    fn an_edge_is_projected_and_clipped_to_the_light() {
-        // At half and at 0.8 of the distance; the image runs from (-0.5, 0.25) to (0.5, 0.75), of which the
-        // half with x > 0 is on the light.
-        let (found, unclear) = lines([[-0.25, 0.125, 0.5], [0.4, 0.6, 0.8]]);
-        assert!(!unclear);
-        let [line] = found[..] else {
-            panic!("{found:?}")
-        };
-        let expected = [[0.0, 16.0], [16.0, 24.0]];
-        for (got, want) in line.ends.iter().flatten().zip(expected.iter().flatten()) {
-            assert!((got - want).abs() < line.thickness, "{line:?}");
+    fn an_edge_is_projected_clipped_to_the_light_and_drawn() {
+        // Ends in space, and where they are seen, in cells.
+        let edges = [
+            // At half and at 0.8 of the distance; the image runs from (-0.5, 0.25) to (0.5, 0.75), of which the
+            // half with x > 0 is on the light.
+            (
+                [[-0.25, 0.125, 0.5], [0.4, 0.6, 0.8]],
+                [[0.0, 16.0], [16.0, 24.0]],
+            ),
+            // In one row, in one column and in one cell.
+            (
+                [[0.1, 0.235, 0.5], [0.4, 0.235, 0.5]],
+                [[6.4, 15.04], [25.6, 15.04]],
+            ),
+            (
+                [[0.235, 0.1, 0.5], [0.235, 0.4, 0.5]],
+                [[15.04, 6.4], [15.04, 25.6]],
+            ),
+            (
+                [[0.235, 0.1, 0.5], [0.238, 0.105, 0.5]],
+                [[15.04, 6.4], [15.232, 6.72]],
+            ),
+        ];
+        for (ends, image) in edges {
+            let mut expected = [0; GRID];
+            let line = Line {
+                ends: image,
+                thickness: THICKNESS,
+            };
+            draw(&mut expected, &line);
+            assert_eq!(seen(ends), (Some(expected), false), "{ends:?}");
         }
-        assert!(line.thickness < 0.02);
     }
 
     #[test]
     fn an_edge_through_the_receiver_is_unclear_and_one_behind_it_or_beside_the_light_is_not_seen() {
-        assert_eq!(lines([[0.0, 0.0, 0.0], [0.3, 0.3, 0.5]]), (vec![], true));
-        assert_eq!(lines([[0.0, 0.1, -0.5], [0.3, 0.3, -0.2]]), (vec![], false));
-        assert_eq!(lines([[1.1, -0.5, 1.0], [1.5, 1.5, 1.0]]), (vec![], false));
-        assert_eq!(lines([[0.1, 0.5, 1.1], [0.9, 0.5, 1.2]]), (vec![], false));
+        assert_eq!(seen([[0.0, 0.0, 0.0], [0.3, 0.3, 0.5]]), (None, true));
+        assert_eq!(seen([[0.0, 0.1, -0.5], [0.3, 0.3, -0.2]]), (None, false));
+        assert_eq!(seen([[1.1, -0.5, 1.0], [1.5, 1.5, 1.0]]), (None, false));
+        assert_eq!(seen([[0.1, 0.5, 1.1], [0.9, 0.5, 1.2]]), (None, false));
     }
 }
