@@ -184,6 +184,7 @@ unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, image
                         [ub, vb, wb],
                         size_a.max(size_b).mul(steepness),
                         blur,
+                        seen,
                     );
                     clipped.draw(row, seen, images);
                 }
@@ -203,12 +204,12 @@ struct Clipped<S> {
 }
 
 /// Clips an edge, whose ends have these homogeneous coordinates, to the unit square, widened by what they
-/// may be off, and projects what is left.
+/// may be off, and projects what is left; only lanes in `seen` count.
 ///
 /// A bound is crossed inwards at `a / (a - b)` where `a < 0 < b`, and outwards likewise from the other end;
 /// with `a` and `b` cut off at 0 the same quotient is 0 where it is not crossed. So no lane branches.
 #[inline(always)]
-unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S, light_blur: S) -> Clipped<S> {
+unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S, light_blur: S, seen: u16) -> Clipped<S> {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -229,6 +230,10 @@ unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S, light_blur: S) -> Clippe
                 _ => (a[2].sub(a[1]), b[2].sub(b[1])),
             };
             let (fa, fb) = (fa.add(apart), fb.add(apart));
+            // No receiver sees the edge cross this bound: both quotients would be 0.
+            if (fa.lt(zero) | fb.lt(zero)) & seen == 0 {
+                continue;
+            }
             let (below_a, below_b) = (zero.sub(fa.min(zero)), zero.sub(fb.min(zero)));
             enter = enter.max(below_a.div(below_a.add(fb.max(tiny))));
             leave = leave.max(below_b.div(below_b.add(fa.max(tiny))));
