@@ -38,6 +38,8 @@ pub struct Receivers {
     pub index: Vec<u32>,
     /// Where each group starts, and the end.
     pub groups: Vec<u32>,
+    /// The camera (local) whose pixels they are; each group then lies in one block of 8×8 pixels.
+    pub camera: Option<Camera>,
 }
 
 impl Receivers {
@@ -126,6 +128,7 @@ impl Receivers {
             normals: index.par_iter().map(normal).collect(),
             groups: groups.collect(),
             index,
+            camera: None,
         })
     }
 }
@@ -218,6 +221,7 @@ pub fn from_camera(
         normals: filled(DVec3::ZERO, total),
         index: filled(0, total),
         groups: vec![0],
+        camera: Some(*camera),
     };
     let mut parts = Vec::with_capacity(counts.len());
     let (mut p, mut n, mut id) = (

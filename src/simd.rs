@@ -121,6 +121,11 @@ pub trait Lanes: Copy {
     /// # Safety
     /// See the trait.
     unsafe fn le(self, o: Self) -> u16;
+    /// Lane `i` of `self` where bit `i` of `mask` is set, of `o` elsewhere.
+    ///
+    /// # Safety
+    /// See the trait.
+    unsafe fn select(self, mask: u16, o: Self) -> Self;
     /// Bit `i` set where `values[i]` is positive.
     ///
     /// # Safety
@@ -200,6 +205,16 @@ impl Lanes for Row {
         (0..LANES).fold(0, |m, i| m | (u16::from(self.0[i] <= o.0[i]) << i))
     }
     #[inline(always)]
+    unsafe fn select(self, mask: u16, o: Self) -> Self {
+        Row(std::array::from_fn(|i| {
+            if mask >> i & 1 == 1 {
+                self.0[i]
+            } else {
+                o.0[i]
+            }
+        }))
+    }
+    #[inline(always)]
     unsafe fn positive(values: &[f64; 8]) -> u8 {
         (0..8).fold(0, |m, i| m | (u8::from(values[i] > 0.0) << i))
     }
@@ -267,6 +282,11 @@ mod x86 {
         unsafe fn le(self, o: Self) -> u16 {
             // SAFETY: the caller enabled AVX-512.
             unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, o.0) }
+        }
+        #[inline(always)]
+        unsafe fn select(self, mask: u16, o: Self) -> Self {
+            // SAFETY: the caller enabled AVX-512.
+            unsafe { Avx512(_mm512_mask_blend_ps(mask, o.0, self.0)) }
         }
         #[inline(always)]
         unsafe fn positive(values: &[f64; 8]) -> u8 {
@@ -339,6 +359,21 @@ mod x86 {
         binary256!(max, _mm256_max_ps);
         compare256!(lt, _CMP_LT_OQ);
         compare256!(le, _CMP_LE_OQ);
+        #[inline(always)]
+        unsafe fn select(self, mask: u16, o: Self) -> Self {
+            // SAFETY: the caller enabled AVX2.
+            unsafe {
+                let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+                let low = _mm256_and_si256(_mm256_set1_epi32(i32::from(mask)), bits);
+                let high = _mm256_and_si256(_mm256_set1_epi32(i32::from(mask >> 8)), bits);
+                let low = _mm256_castsi256_ps(_mm256_cmpeq_epi32(low, bits));
+                let high = _mm256_castsi256_ps(_mm256_cmpeq_epi32(high, bits));
+                Avx2(
+                    _mm256_blendv_ps(o.0, self.0, low),
+                    _mm256_blendv_ps(o.1, self.1, high),
+                )
+            }
+        }
         #[inline(always)]
         unsafe fn positive(values: &[f64; 8]) -> u8 {
             // SAFETY: the caller enabled AVX2; eight values are read.

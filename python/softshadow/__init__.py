@@ -16,7 +16,7 @@ from softshadow._core import ParameterError, SceneError, UnsupportedError, __ver
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.methods import Hard, Method, RayTraced, method_names
+from softshadow.methods import Hard, Method, RayTraced, ShadowVolume, Wedges, method_names
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Mesh, Scene, Spheres
 
@@ -35,9 +35,11 @@ __all__ = [
     "RectLight",
     "Scene",
     "SceneError",
+    "ShadowVolume",
     "SphereLight",
     "Spheres",
     "UnsupportedError",
+    "Wedges",
     "__version__",
     "compare",
     "kernels",

@@ -55,6 +55,20 @@ class Method:
     def hard() -> Method: ...
     @staticmethod
     def ray_traced(samples: int, seed: int, pattern: str, cull: bool) -> Method: ...
+    @staticmethod
+    def shadow_volume(counting: str, opacity: str | None, cull: bool) -> Method: ...
+    @staticmethod
+    def wedges(
+        falloff: str,
+        quads: int | None,
+        overlap: str,
+        buffer: str,
+        counting: str,
+        vertex_angle: float,
+        planes: str,
+        opacity: str | None,
+        cull: bool,
+    ) -> Method: ...
 
 @final
 class Scene:

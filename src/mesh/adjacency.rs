@@ -66,6 +66,24 @@ impl Adjacency {
         }
     }
 
+    /// For every vertex the lowest vertex that edges connect it with: one number a connected part.
+    pub fn components(&self, vertices: usize) -> Vec<u32> {
+        let mut parent: Vec<u32> = (0..vertices as u32).collect();
+        let root = |parent: &mut Vec<u32>, mut v: u32| {
+            while parent[v as usize] != v {
+                // Halving the path keeps it short.
+                parent[v as usize] = parent[parent[v as usize] as usize];
+                v = parent[v as usize];
+            }
+            v
+        };
+        for &[a, b] in &self.edges {
+            let (a, b) = (root(&mut parent, a), root(&mut parent, b));
+            parent[a.max(b) as usize] = a.min(b);
+        }
+        (0..vertices as u32).map(|v| root(&mut parent, v)).collect()
+    }
+
     /// Vertex pairs, the lower index first.
     pub fn edges(&self) -> &[[u32; 2]] {
         &self.edges

@@ -24,6 +24,7 @@ pub struct TriMesh {
     vertices: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
     adjacency: OnceLock<Adjacency>,
+    components: OnceLock<Vec<u32>>,
 }
 
 impl TriMesh {
@@ -74,6 +75,7 @@ impl TriMesh {
             vertices,
             faces: welded,
             adjacency: OnceLock::new(),
+            components: OnceLock::new(),
         };
         mesh.check_extent(name)?;
         Ok(mesh)
@@ -102,14 +104,11 @@ impl TriMesh {
                 return Err(Error::scene(what, reason));
             }
         }
-        let adjacency = OnceLock::new();
-        if let Some(known) = self.adjacency.get() {
-            let _ = adjacency.set(known.clone());
-        }
         let mesh = TriMesh {
             vertices,
             faces: self.faces.clone(),
-            adjacency,
+            adjacency: self.adjacency.clone(),
+            components: self.components.clone(),
         };
         mesh.check_extent(name)?;
         Ok(mesh)
@@ -128,6 +127,12 @@ impl TriMesh {
     /// Edges and the faces at them; built at the first call.
     pub fn adjacency(&self) -> &Adjacency {
         self.adjacency.get_or_init(|| Adjacency::new(&self.faces))
+    }
+
+    /// For every vertex a number of the connected part that it belongs to; built at the first call.
+    pub fn components(&self) -> &[u32] {
+        self.components
+            .get_or_init(|| self.adjacency().components(self.vertices.len()))
     }
 
     fn check_extent(&self, name: &str) -> Result<()> {

@@ -1,7 +1,8 @@
 //! The methods, each in a file or folder of its own, and what they have in common.
 //!
 //! - [`hard`]: one shadow ray to the light's centre;
-//! - [`ray_traced`]: stratified light samples against the hierarchy, the reference.
+//! - [`ray_traced`]: stratified light samples against the hierarchy, the reference;
+//! - [`wedges`]: penumbra wedges, and shadow volumes.
 //!
 //! A method prepares itself once for a scene and its lights ([`Method::prepare`]) and then answers for
 //! any receivers ([`Prepared::shade`]). It says which fraction of a light each receiver sees; turning
@@ -9,6 +10,7 @@
 
 pub mod hard;
 pub mod ray_traced;
+pub mod wedges;
 
 use std::sync::Arc;
 
@@ -55,4 +57,9 @@ pub trait Prepared: Send + Sync {
 
     /// Bytes of the method's own data structures.
     fn bytes(&self) -> usize;
+
+    /// Stages of preparing, in seconds.
+    fn seconds(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
 }

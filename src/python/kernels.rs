@@ -75,10 +75,15 @@ pub(super) mod kernels {
         }
         let (edges, windings) = py.detach(|| {
             let adjacency = mesh.adjacency();
-            let found = find_silhouettes(mesh.vertices(), mesh.faces(), adjacency, viewpoint);
+            let found = find_silhouettes(
+                |v| mesh.vertices()[v as usize],
+                mesh.faces(),
+                adjacency,
+                viewpoint,
+            );
             let ends = |e: u32| adjacency.edges()[e as usize].map(|v| v as i32);
             let edges: Vec<i32> = found.iter().flat_map(|s| ends(s.edge)).collect();
-            let windings = found.iter().map(|s| s.winding).collect();
+            let windings = found.iter().map(|s| s.winding()).collect();
             (edges, windings)
         });
         Ok((

@@ -14,6 +14,9 @@ use crate::light::Light;
 use crate::methods::Method;
 use crate::methods::hard::Hard;
 use crate::methods::ray_traced::RayTraced;
+use crate::methods::wedges::planes::Construction;
+use crate::methods::wedges::volume::Counting;
+use crate::methods::wedges::{Falloff, Overlap, ShadowVolume, Wedges, interpolate};
 use crate::scene::{Material, Scene};
 
 /// A scene behind a lock, so that Python threads can share it.
@@ -209,4 +212,103 @@ impl PyMethod {
             samples, seed, fixed, cull,
         )?)))
     }
+
+    #[staticmethod]
+    fn shadow_volume(counting: &str, opacity: Option<&str>, cull: bool) -> Result<Self> {
+        let method = "ShadowVolume";
+        Ok(PyMethod(Arc::new(ShadowVolume {
+            counting: parse_counting(method, counting)?,
+            opaque: parse_opaque(method, opacity)?,
+            cull,
+        })))
+    }
+
+    #[staticmethod]
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one each parameter of the method"
+    )]
+    fn wedges(
+        falloff: &str,
+        quads: Option<i64>,
+        overlap: &str,
+        buffer: &str,
+        counting: &str,
+        vertex_angle: f64,
+        planes: &str,
+        opacity: Option<&str>,
+        cull: bool,
+    ) -> Result<Self> {
+        let method = "Wedges";
+        let falloffs = [
+            ("light", Falloff::Light),
+            ("line", Falloff::Planes(interpolate::Falloff::Line)),
+            ("linear", Falloff::Planes(interpolate::Falloff::Linear)),
+            ("smooth", Falloff::Planes(interpolate::Falloff::Smooth)),
+        ];
+        let falloff = choice(method, "falloff", falloff, &falloffs)?;
+        let falloff = match quads {
+            None => falloff,
+            Some(n @ 1..=256) => Falloff::Fan(n as usize),
+            Some(n) => {
+                let reason = format!("quads must be 1 to 256 or None, got {n}");
+                return Err(Error::parameter(method, reason));
+            }
+        };
+        if !(1.0..=180.0).contains(&vertex_angle) {
+            let reason = format!("vertex_angle must be 1 to 180 degrees, got {vertex_angle}");
+            return Err(Error::parameter(method, reason));
+        }
+        let overlaps = [
+            ("add", Overlap::Add),
+            ("multiply", Overlap::Multiply),
+            ("minimum", Overlap::Minimum),
+        ];
+        Ok(PyMethod(Arc::new(Wedges {
+            falloff,
+            overlap: choice(method, "overlap", overlap, &overlaps)?,
+            integer: choice(
+                method,
+                "buffer",
+                buffer,
+                &[("float", false), ("integer", true)],
+            )?,
+            counting: parse_counting(method, counting)?,
+            construction: Construction {
+                vertex_angle: vertex_angle.to_radians(),
+                paper_planes: choice(
+                    method,
+                    "planes",
+                    planes,
+                    &[("tangent", false), ("paper", true)],
+                )?,
+            },
+            opaque: parse_opaque(method, opacity)?,
+            cull,
+        })))
+    }
+}
+
+/// The value that a name stands for.
+fn choice<T: Copy>(method: &str, parameter: &str, name: &str, values: &[(&str, T)]) -> Result<T> {
+    let found = values.iter().find(|v| v.0 == name);
+    found.map(|v| v.1).ok_or_else(|| {
+        let names: Vec<String> = values.iter().map(|v| format!("{:?}", v.0)).collect();
+        let reason = format!(
+            "{parameter} must be one of {}, got {name:?}",
+            names.join(", ")
+        );
+        Error::parameter(method, reason)
+    })
+}
+
+fn parse_counting(method: &str, name: &str) -> Result<Counting> {
+    let values = [("zpass", Counting::ZPass), ("zfail", Counting::ZFail)];
+    choice(method, "counting", name, &values)
+}
+
+fn parse_opaque(method: &str, name: Option<&str>) -> Result<bool> {
+    name.map_or(Ok(false), |name| {
+        choice(method, "opacity", name, &[("opaque", true)])
+    })
 }

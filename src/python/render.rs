@@ -52,11 +52,12 @@ pub(super) fn prepare(
         let geometry_seconds = start.elapsed().as_secs_f64();
         let prepared = method.prepare(geometry.clone(), &lights, control)?;
         let total = start.elapsed().as_secs_f64();
-        let seconds = vec![
+        let mut seconds = vec![
             ("prepare", total),
             ("geometry", geometry_seconds),
             ("structures", total - geometry_seconds),
         ];
+        seconds.extend(prepared.seconds());
         let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         Ok(PyPrepared(Arc::new(Ready {
             geometry,

@@ -49,6 +49,11 @@ pub trait Sink: Send {
     /// Takes a span of pixels: bit `i` of `mask` is pixel `(x + i, y)`, covered by `triangle` at the
     /// inverse depth `inverse_depth[i]`. Triangles arrive in the order of their indices.
     fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], triangle: u32);
+
+    /// Whether the tile needs the fragments of a triangle at all; asked once before they come.
+    fn wants(&mut self, _triangle: u32) -> bool {
+        true
+    }
 }
 
 /// The triangles of a chunk that reach into each tile, in order: those of tile `t` are
@@ -101,15 +106,34 @@ pub fn rasterize<S: Sink>(
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
-    let columns = camera.width.div_ceil(TILE);
-    let tiles = tile_count(camera);
     let (points, bounds): (Vec<_>, Vec<_>) = positions
         .par_iter()
-        .map(|p| {
-            let p = camera.project(p.as_dvec3());
-            (p, Bounds::of_vertex(p, camera))
-        })
+        .map(|p| project(p.as_dvec3(), camera))
         .unzip();
+    rasterize_projected(&points, &bounds, faces, keep, camera, control, make)
+}
+
+/// What [`rasterize_projected`] needs to know of a point.
+pub fn project(p: DVec3, camera: &Camera) -> (DVec3, Bounds) {
+    let p = camera.project(p);
+    (p, Bounds::of_vertex(p, camera))
+}
+
+/// As [`rasterize`], of points in `f64` for each of which [`project`] was called.
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`].
+pub fn rasterize_projected<S: Sink>(
+    points: &[DVec3],
+    bounds: &[Bounds],
+    faces: &[[u32; 3]],
+    keep: impl Fn(u32) -> bool + Sync,
+    camera: &Camera,
+    control: &Control,
+    make: impl Fn(Tile) -> S + Sync,
+) -> Result<Vec<(Tile, S)>> {
+    let columns = camera.width.div_ceil(TILE);
+    let tiles = tile_count(camera);
     let chunks: Vec<Bins> = faces
         .par_chunks(CHUNK)
         .enumerate()
@@ -118,7 +142,7 @@ pub fn rasterize<S: Sink>(
             pairs.clear();
             for (i, face) in faces.iter().enumerate() {
                 let id = (c * CHUNK + i) as u32;
-                let Some((low, high)) = setup::pixels(face, &points, &bounds, camera) else {
+                let Some((low, high)) = setup::pixels(face, points, bounds, camera) else {
                     continue;
                 };
                 if keep(id) {
@@ -145,7 +169,7 @@ pub fn rasterize<S: Sink>(
             };
             let mut sink = make(tile);
             for chunk in &chunks {
-                fill(faces, &points, chunk.of(index), camera, tile, &mut sink);
+                fill(faces, points, chunk.of(index), camera, tile, &mut sink);
             }
             Ok((tile, sink))
         })
@@ -184,6 +208,9 @@ unsafe fn fill_lanes<S: Lanes>(
 ) {
     let mut setups = Vec::with_capacity(2);
     for &triangle in triangles {
+        if !sink.wants(triangle) {
+            continue;
+        }
         setups.clear();
         setup::triangles(&faces[triangle as usize], points, camera, &mut setups);
         for setup in &setups {
@@ -209,7 +236,10 @@ unsafe fn fill_one<S: Lanes>(setup: &Setup, triangle: u32, tile: Tile, sink: &mu
     let (columns, rows) = (shape.columns, SPAN as u32 / shape.columns);
     let mut y = y_start;
     while y <= y_end {
-        let mut x = x_start;
+        let (mut x, x_end) = match columns {
+            8 => setup.columns(y, x_start, x_end),
+            _ => (x_start, x_end),
+        };
         while x <= x_end {
             let block = Block::new(shape, x, y);
             let within = shape.first(x_end - x + 1, y_end - y + 1);

@@ -115,6 +115,28 @@ impl Block {
 }
 
 impl Setup {
+    /// First and last column, of those from `first` to `last`, whose pixels in row `y` can be inside: where
+    /// the edges cross the row, and a pixel more than rounding could be wrong by. None are where the first
+    /// is beyond the last. Long slanted slivers fill little of their bounds.
+    #[inline(always)]
+    pub fn columns(&self, y: u32, first: u32, last: u32) -> (u32, u32) {
+        let (mut low, mut high) = (f64::from(first), f64::from(last));
+        for e in &self.edges {
+            let crossing = e.x - 0.5 + e.dx * (f64::from(y) + 0.5 - e.y) / e.dy;
+            let margin = 1.0 + DOUBT * (e.x.abs() + crossing.abs());
+            // What is not a number changes nothing.
+            if e.dy > 0.0 && crossing + margin < high {
+                high = crossing + margin;
+            } else if e.dy < 0.0 && crossing - margin > low {
+                low = crossing - margin;
+            }
+        }
+        if low > high {
+            return (1, 0);
+        }
+        (low as u32, high as u32)
+    }
+
     /// Which of the pixels `within` a block are inside.
     ///
     /// # Safety

@@ -1,0 +1,147 @@
+//! The silhouette edges of everything that casts, as a light's centre sees them.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::geometry::{Geometry, MeshRange};
+use crate::mesh::silhouettes::silhouette_edges;
+
+/// A silhouette edge.
+///
+/// It runs so that, seen from the light's centre, what it occludes is on its left; where it bounds more
+/// than one layer, or front and back layers differently, the numbers say so.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Edge {
+    /// Local positions of its ends.
+    pub ends: [DVec3; 2],
+    /// Indices of its ends in [`Geometry::positions`].
+    pub vertices: [u32; 2],
+    /// Layers facing the light on its left less those on its right.
+    pub front: i32,
+    /// Layers facing away on its left less those on its right.
+    pub back: i32,
+    /// The connected object that it belongs to; edges are in the order of their objects.
+    pub object: u32,
+}
+
+/// What casts: opaque meshes, or all if transparent ones are to count as opaque.
+#[derive(Debug, Clone)]
+pub struct Casters {
+    geometry: Arc<Geometry>,
+    meshes: Vec<usize>,
+}
+
+impl Casters {
+    /// Finds what casts.
+    ///
+    /// # Errors
+    /// Something that casts and is transparent (unless `opaque`), or is a sphere without triangles.
+    pub fn new(method: &'static str, geometry: Arc<Geometry>, opaque: bool) -> Result<Self> {
+        let material = |entry: u32| geometry.material(entry);
+        if geometry.spheres.iter().any(|s| material(s.entry).casts) {
+            let reason = "spheres of add_spheres have no silhouette edges; add them as meshes, or \
+                          with casts=False"
+                .into();
+            return Err(Error::Unsupported { method, reason });
+        }
+        let casts: Vec<usize> = (0..geometry.meshes.len())
+            .filter(|&m| material(geometry.meshes[m].entry).casts)
+            .collect();
+        let opacity = |&m: &usize| material(geometry.meshes[m].entry).opacity;
+        let clear = casts.iter().map(opacity).find(|o| *o < 1.0);
+        if let (Some(opacity), false) = (clear, opaque) {
+            let reason = format!(
+                "it cannot model an opacity of {opacity}; opacity=\"opaque\" lets every mesh of an \
+                 opacity above 0 block all light"
+            );
+            return Err(Error::Unsupported { method, reason });
+        }
+        let meshes = casts.into_iter().filter(|m| opacity(m) > 0.0).collect();
+        Ok(Casters { geometry, meshes })
+    }
+
+    /// Builds the adjacency, and the connected parts if `objects` are to be told apart.
+    pub fn connect(&self, objects: bool) {
+        for mesh in self.ranges() {
+            mesh.mesh.adjacency();
+            if objects {
+                mesh.mesh.components();
+            }
+        }
+    }
+
+    fn ranges(&self) -> impl Iterator<Item = &MeshRange> {
+        self.meshes.iter().map(|&m| &self.geometry.meshes[m])
+    }
+
+    /// The scene.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// All triangles that cast, with their object (0 unless `objects`).
+    pub fn faces(&self, objects: bool) -> Vec<(u32, u32)> {
+        let mut out = Vec::new();
+        for mesh in self.ranges() {
+            let range = mesh.first_face..mesh.first_face + mesh.faces;
+            let object = |f: u32| match objects {
+                true => {
+                    let corner = self.geometry.faces[f as usize][0] - mesh.first_vertex;
+                    mesh.first_vertex + mesh.mesh.components()[corner as usize]
+                }
+                false => 0,
+            };
+            out.extend(range.map(|f| (f, object(f))));
+        }
+        out
+    }
+
+    /// The silhouette edges that `center` sees.
+    ///
+    /// Layers that a mesh has k times everywhere (duplicate faces) are counted once. With `objects`,
+    /// every connected part of a mesh is an object of its own; otherwise there is one.
+    pub fn silhouettes(&self, center: DVec3, objects: bool) -> Vec<Edge> {
+        let positions = &self.geometry.positions;
+        let mut out = Vec::new();
+        for mesh in self.ranges() {
+            let position = |v: u32| positions[(v + mesh.first_vertex) as usize].as_dvec3();
+            let adjacency = mesh.mesh.adjacency();
+            let found = silhouette_edges(position, mesh.mesh.faces(), adjacency, center);
+            let every = found.iter().fold(0, |g, s| gcd(gcd(g, s.front), s.back));
+            let start = out.len();
+            out.extend(found.iter().map(|s| {
+                let [mut a, mut b] = adjacency.edges()[s.edge as usize];
+                let (mut front, mut back) = (s.front / every, s.back / every);
+                if front + back < 0 {
+                    (a, b, front, back) = (b, a, -front, -back);
+                }
+                let object = match objects {
+                    true => mesh.first_vertex + mesh.mesh.components()[a as usize],
+                    false => 0,
+                };
+                Edge {
+                    ends: [position(a), position(b)],
+                    vertices: [a + mesh.first_vertex, b + mesh.first_vertex],
+                    front,
+                    back,
+                    object,
+                }
+            }));
+            if objects {
+                out[start..].par_sort_by_key(|e: &Edge| e.object);
+            }
+        }
+        out
+    }
+}
+
+fn gcd(a: i32, b: i32) -> i32 {
+    let (mut a, mut b) = (a.abs(), b.abs());
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}

@@ -1,0 +1,221 @@
+//! The paper's interpolation inside a wedge (Akenine-Möller and Assarsson 2002, Section 4.2).
+//!
+//! With `F`, `B` a receiver's distances to the front and back plane and `L`, `R` those to the side planes,
+//! all positive inside,
+//!
+//! ```text
+//!     s_l = t_lb / (t_lf + t_lb),   s_r alike                                         (2)
+//!     s   = t_r / (t_l + t_r) · s_l + t_l / (t_l + t_r) · s_r                          (3)
+//! ```
+//!
+//! where `t_lf`, `t_lb` are measured along the direction of interpolation of the left side plane, `t_l`, `t_r`
+//! parallel to the edge. All are distances to planes times reciprocals that are constant for a wedge, and with
+//! the least common denominator there is one division. (1) is (2) with both directions equal.
+//!
+//! In terms of distances from the lit side, a view ray's contributions telescope (Section 5: what side planes
+//! add cancels between neighbours, front planes stand for 1 and back planes for 0): the intensity is 1, less
+//! the volumes behind front planes that a receiver is in, plus `s` for every wedge that it is in. A
+//! receiver is in a wedge once where it is between the side planes, and minus once where it is beyond both in
+//! the order in which they cross; so neighbours add up to one everywhere around a loop.
+
+use glam::DVec3;
+
+use super::area::angle;
+use super::planes::{self, Plane};
+use crate::light::{Light, Shape};
+use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+
+/// How `s` turns into intensity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Falloff {
+    /// `s` itself.
+    Linear,
+    /// `3 s² - 2 s³` (Parker, Shirley and Smits 1998).
+    Smooth,
+    /// The area of the light that a line at the offset `s` cuts off.
+    Line,
+}
+
+/// A wedge as the kernel wants it.
+#[derive(Debug, Clone, Copy)]
+pub struct Wedge {
+    /// Front, back and the two side planes: normals and offsets.
+    planes: [[f64; 4]; 4],
+    /// Reciprocals of (2) for left and right, front and back, and of (3) for left and right.
+    front: [f32; 2],
+    back: [f32; 2],
+    along: [f32; 2],
+    layers: [f32; 2],
+    falloff: Falloff,
+    /// For the `Line` falloff of a rectangle: which part of its width the shorter side makes up, seen along
+    /// the edge, at most 1/2; negative for a disk.
+    part: f32,
+}
+
+impl Wedge {
+    /// Prepares a wedge.
+    pub fn new(wedge: &planes::Wedge, light: &Light, falloff: Falloff) -> Self {
+        let row = |p: &Plane| {
+            let [x, y, z] = p.normal.to_array();
+            [x, y, z, p.offset]
+        };
+        // A direction in a plane has no distance to it: everything is as far, which a large number says.
+        let reciprocal = |n: DVec3, d: DVec3| (1.0 / n.dot(d).abs().max(1e-9)) as f32;
+        let both = |n: DVec3, d: [DVec3; 2]| d.map(|d| reciprocal(n, d));
+        Wedge {
+            planes: [
+                row(&wedge.front),
+                row(&wedge.back),
+                row(&wedge.sides[0]),
+                row(&wedge.sides[1]),
+            ],
+            front: both(wedge.front.normal, wedge.across),
+            back: both(wedge.back.normal, wedge.across),
+            along: wedge.sides.map(|s| reciprocal(s.normal, wedge.direction)),
+            layers: wedge.layers.map(|n| n as f32),
+            falloff,
+            part: match light.shape {
+                Shape::Rect { u, v, .. } => {
+                    let (a, b) = (u.dot(wedge.outside).abs(), v.dot(wedge.outside).abs());
+                    (a.min(b) / (a + b)) as f32
+                }
+                _ => -1.0,
+            },
+        }
+    }
+}
+
+/// Adds what the wedges `ids` give back to up to sixteen receivers: less cover of front and of back layers.
+pub fn cover(wedges: &[Wedge], ids: &[u32], receivers: &[DVec3], steps: f32, out: &mut [Row; 2]) {
+    let mut position = [[0.0; LANES]; 3];
+    for lane in 0..LANES {
+        let p = receivers[if lane < receivers.len() { lane } else { 0 }];
+        for axis in 0..3 {
+            position[axis][lane] = p[axis];
+        }
+    }
+    let position = &position;
+    dispatch!(detect() => cover_lanes(
+        wedges: &[Wedge], ids: &[u32], position: &[[f64; LANES]; 3], steps: f32, out: &mut [Row; 2],
+    ));
+}
+
+#[inline(always)]
+unsafe fn cover_lanes<S: Lanes>(
+    wedges: &[Wedge],
+    ids: &[u32],
+    position: &[[f64; LANES]; 3],
+    steps: f32,
+    out: &mut [Row; 2],
+) {
+    // SAFETY: the caller enabled the features of `S`; so for all calls below.
+    unsafe {
+        let zero = S::splat(0.0);
+        let mut front = S::load(&out[0]);
+        let mut back = S::load(&out[1]);
+        for &id in ids {
+            let wedge = &wedges[id as usize];
+            let f = distance::<S>(&wedge.planes[0], position);
+            let b = distance::<S>(&wedge.planes[1], position);
+            // The front plane's own side as its quad's crossing has it; `distance` keeps signs.
+            let between = f.lt(zero) & zero.lt(b);
+            if between == 0 {
+                continue;
+            }
+            let l = distance::<S>(&wedge.planes[2], position);
+            let r = distance::<S>(&wedge.planes[3], position);
+            let (after_l, after_r) = (zero.le(l), zero.le(r));
+            let inside = between & after_l & !after_r;
+            let inverted = between & !after_l & after_r;
+            if inside | inverted == 0 {
+                continue;
+            }
+            let f = zero.sub(f);
+            let t_l = l.mul(S::splat(wedge.along[0]));
+            let t_r = zero.sub(r).mul(S::splat(wedge.along[1]));
+            let (t_lf, t_lb) = (
+                f.mul(S::splat(wedge.front[0])),
+                b.mul(S::splat(wedge.back[0])),
+            );
+            let (t_rf, t_rb) = (
+                f.mul(S::splat(wedge.front[1])),
+                b.mul(S::splat(wedge.back[1])),
+            );
+            let (sum_l, sum_r) = (t_lf.add(t_lb), t_rf.add(t_rb));
+            let top = t_r.mul(t_lb).mul(sum_r).add(t_l.mul(t_rb).mul(sum_l));
+            let bottom = t_l.add(t_r).mul(sum_l).mul(sum_r);
+            // On the edge itself all distances are zero, and neither lit nor dark is wrong.
+            let whole = zero.lt(bottom.abs());
+            let s = top.div(bottom).select(whole, S::splat(0.5));
+            let s = s.max(zero).min(S::splat(1.0));
+            let s = match wedge.falloff {
+                Falloff::Linear => s,
+                Falloff::Smooth => s.mul(s).mul(S::splat(3.0).sub(s.add(s))),
+                Falloff::Line if wedge.part < 0.0 => line_over_disk::<S>(s),
+                Falloff::Line => line_over_rectangle::<S>(s, wedge.part),
+            };
+            let s = if steps > 0.0 {
+                let magic = S::splat(12_582_912.0);
+                s.mul(S::splat(steps))
+                    .add(magic)
+                    .sub(magic)
+                    .div(S::splat(steps))
+            } else {
+                s
+            };
+            let signed = zero.sub(s).select(inside, s.select(inverted, zero));
+            front = front.add(signed.mul(S::splat(wedge.layers[0])));
+            back = back.add(signed.mul(S::splat(wedge.layers[1])));
+        }
+        front.store(&mut out[0]);
+        back.store(&mut out[1]);
+    }
+}
+
+/// Signed distances to a plane, found in `f64`; those that are not zero do not become zero.
+#[inline(always)]
+unsafe fn distance<S: Lanes>(plane: &[f64; 4], position: &[[f64; LANES]; 3]) -> S {
+    let [x, y, z] = position;
+    let mut out = Row::default();
+    for i in 0..LANES {
+        let value = plane[0] * x[i] + plane[1] * y[i] + plane[2] * z[i] - plane[3];
+        let rounded = value as f32;
+        out.0[i] = if value < 0.0 {
+            rounded.min(-f32::MIN_POSITIVE)
+        } else {
+            rounded
+        };
+    }
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe { S::load(&out) }
+}
+
+/// Part of a disk on the far side of a line at `2 s - 1` of its radius.
+#[inline(always)]
+unsafe fn line_over_disk<S: Lanes>(s: S) -> S {
+    // SAFETY: the caller enabled the features of `S`; so for all calls below.
+    unsafe {
+        let x = s.add(s).sub(S::splat(1.0));
+        let y = S::splat(1.0).sub(x.mul(x)).max(S::splat(0.0)).sqrt();
+        let pi = std::f32::consts::PI;
+        // The angle of the arc, less the triangle.
+        let hidden = angle::<S>(y, x).sub(x.mul(y)).mul(S::splat(1.0 / pi));
+        S::splat(1.0).sub(hidden)
+    }
+}
+
+/// Part of a rectangle on the far side of a line at `s` of its width, of which its shorter side makes up
+/// `part`: the distribution of the sum of two uniform numbers.
+#[inline(always)]
+unsafe fn line_over_rectangle<S: Lanes>(s: S, part: f32) -> S {
+    // SAFETY: the caller enabled the features of `S`; so for all calls below.
+    unsafe {
+        let zero = S::splat(0.0);
+        let short = part.max(1e-6);
+        let ramp = s.min(S::splat(short));
+        let end = s.sub(S::splat(1.0 - short)).max(zero);
+        let straight = s.sub(S::splat(short)).max(zero);
+        let quadratic = ramp.mul(ramp).sub(end.mul(end)).mul(S::splat(0.5 / short));
+        quadratic.add(straight).mul(S::splat(1.0 / (1.0 - short)))
+    }
+}

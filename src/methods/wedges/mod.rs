@@ -1,0 +1,429 @@
+//! Penumbra wedges (Akenine-Möller and Assarsson 2002), and shadow volumes as their case of a light of
+//! radius zero.
+//!
+//! Every silhouette edge that the light's centre sees is replaced by a wedge, the space in which the edge
+//! cuts the light. Layers of hard shadow are counted at the surfaces of volumes ([`volume`]), receivers
+//! inside wedges get what the edge leaves of the light, and both are summed in a light-intensity buffer
+//! ([`buffer`]).
+//!
+//! Two ways to find the intensity inside a wedge:
+//! - [`Falloff::Light`]: the area of the light that the edge cuts off ([`area`]), relative to the hard shadow
+//!   of the light's centre. Exact where the silhouette that the centre sees is the one that all of the light
+//!   sees, and continuous without side planes.
+//! - the paper's interpolation between front, back and side planes ([`planes`], [`interpolate`]), with three
+//!   falloffs, or each wedge as a fan of quads of constant intensity (its Figure 15).
+//!
+//! Assumptions and failures, as the paper states them: one silhouette, that of the light's centre, stands
+//! for all of the light (Section 8; the error grows with the light); penumbrae of one object that overlap
+//! are added (Figure 11), those of different objects combine as [`Overlap`] says; transparent occluders
+//! cannot be modelled. A light that touches an occluder has no silhouettes there, and its shadow is
+//! continuous but wrong.
+
+pub mod area;
+pub mod buffer;
+pub mod contour;
+pub mod interpolate;
+pub mod planes;
+pub mod tangent;
+pub mod volume;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Method, Prepared, Shading};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::light::{Light, Shape};
+use crate::raster::rasterize_projected;
+use crate::receivers::Receivers;
+use area::AreaEdge;
+use buffer::{Bounds, Frame, Interior, TileBuffer};
+use contour::{Casters, Edge};
+use planes::{Construction, Wedge};
+use tangent::tangents;
+use volume::{Counting, Quad};
+
+/// Half-widths of a light, in local units, below which it is a point: the scene's coordinates are not
+/// known any better.
+const POINT: f64 = f32::EPSILON as f64;
+
+/// How the intensity falls off across a wedge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Falloff {
+    /// By the area of the light that the edge, with its ends, cuts off.
+    Light,
+    /// Interpolated between planes.
+    Planes(interpolate::Falloff),
+    /// As so many quads of constant intensity.
+    Fan(usize),
+}
+
+/// How the shadows of different objects combine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Overlap {
+    /// What they hide is added (the paper).
+    Add,
+    /// What they leave visible is multiplied.
+    Multiply,
+    /// The darkest counts.
+    Minimum,
+}
+
+/// How the light-intensity buffer stores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Buffer {
+    /// Floating point.
+    Float,
+    /// Integers, with so many steps between dark and lit: every wedge's share is rounded.
+    Integer {
+        /// The paper's `k`, 255 over the number of lights.
+        steps: u32,
+    },
+}
+
+/// Parameters of penumbra wedges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wedges {
+    /// How the intensity falls off across a wedge.
+    pub falloff: Falloff,
+    /// How objects combine.
+    pub overlap: Overlap,
+    /// Whether the buffer holds integers.
+    pub integer: bool,
+    /// Where layers are counted from.
+    pub counting: Counting,
+    /// How wedges are built.
+    pub construction: Construction,
+    /// Whether transparent meshes count as opaque.
+    pub opaque: bool,
+    /// Whether tiles and groups of receivers skip what cannot reach them.
+    pub cull: bool,
+}
+
+/// Shadow volumes: hard shadows of the light's centre.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ShadowVolume {
+    /// Where layers are counted from.
+    pub counting: Counting,
+    /// Whether transparent meshes count as opaque.
+    pub opaque: bool,
+    /// Whether tiles skip what cannot reach them.
+    pub cull: bool,
+}
+
+/// What both need.
+#[derive(Clone, Copy)]
+struct Settings {
+    soft: Option<(Falloff, Construction)>,
+    overlap: Overlap,
+    buffer: Buffer,
+    counting: Counting,
+    cull: bool,
+}
+
+impl Settings {
+    fn objects(&self) -> bool {
+        self.overlap != Overlap::Add
+    }
+}
+
+impl Method for Wedges {
+    fn name(&self) -> &'static str {
+        "wedges"
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        let steps = 255 / lights.len().clamp(1, 255) as u32;
+        let settings = Settings {
+            soft: Some((self.falloff, self.construction)),
+            overlap: self.overlap,
+            buffer: if self.integer {
+                Buffer::Integer { steps }
+            } else {
+                Buffer::Float
+            },
+            counting: self.counting,
+            cull: self.cull,
+        };
+        PreparedWedges::new(
+            self.name(),
+            geometry,
+            lights,
+            self.opaque,
+            settings,
+            control,
+        )
+    }
+}
+
+impl Method for ShadowVolume {
+    fn name(&self) -> &'static str {
+        "shadow_volume"
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        let settings = Settings {
+            soft: None,
+            overlap: Overlap::Add,
+            buffer: Buffer::Float,
+            counting: self.counting,
+            cull: self.cull,
+        };
+        PreparedWedges::new(
+            self.name(),
+            geometry,
+            lights,
+            self.opaque,
+            settings,
+            control,
+        )
+    }
+}
+
+/// The wedges of one light.
+struct Cast {
+    light: Light,
+    /// One list a quad of the fan; otherwise one.
+    quads: Vec<Quad>,
+    /// Quads that stand for one edge.
+    fan: usize,
+    interior: Interior,
+    bounds: Vec<Bounds>,
+    objects: Vec<u32>,
+}
+
+struct PreparedWedges {
+    method: &'static str,
+    casters: Casters,
+    casts: Vec<Cast>,
+    settings: Settings,
+    seconds: Vec<(&'static str, f64)>,
+}
+
+/// Whether a light (local) has no width.
+fn is_point(light: &Light) -> bool {
+    let half = match light.shape {
+        Shape::Rect { u, v, .. } => 0.5 * u.length().max(v.length()),
+        Shape::Disk { radius, .. } | Shape::Sphere { radius, .. } => radius,
+    };
+    half <= POINT
+}
+
+/// Bounds of the receivers whose light an edge can cut.
+fn bounds_of_edge(edge: &Edge, light: &Light) -> Bounds {
+    let [a, b] = edge.ends;
+    let Some(along) = (b - a).try_normalize() else {
+        return Bounds::new([None; 4]);
+    };
+    let normal = (a - light.center()).cross(b - a);
+    let limits = tangents(light, a, along, normal);
+    // A plane at an end that has all of the light on its outer side has what the edge hides on its inner.
+    let side = |p: DVec3, out: DVec3| {
+        let axis = normal.try_normalize()?;
+        tangents(light, p, axis, out).map(|t| (t.front, p))
+    };
+    Bounds::new([
+        limits.map(|t| (t.front, a)),
+        limits.map(|t| (-t.back, a)),
+        side(a, -along),
+        side(b, along),
+    ])
+}
+
+impl Cast {
+    fn new(edges: &[Edge], light: &Light, settings: &Settings) -> Cast {
+        let center = light.center();
+        let hard = || {
+            edges
+                .par_iter()
+                .map(|e| Quad::hard(e, center))
+                .collect::<Vec<_>>()
+        };
+        let objects = |w: &[Wedge]| w.iter().map(|w| w.object).collect::<Vec<_>>();
+        let soft = settings.soft.filter(|_| !is_point(light));
+        let none = Cast {
+            light: *light,
+            quads: Vec::new(),
+            fan: 1,
+            interior: Interior::None,
+            bounds: Vec::new(),
+            objects: Vec::new(),
+        };
+        match soft {
+            None => Cast {
+                quads: hard(),
+                ..none
+            },
+            Some((Falloff::Light, _)) => {
+                let quads = hard();
+                let pairs = edges.par_iter().zip(&quads);
+                let kernel = pairs.map(|(e, q)| AreaEdge::new(e, light, q.normal, q.offset));
+                Cast {
+                    interior: Interior::Area(kernel.collect()),
+                    bounds: edges.par_iter().map(|e| bounds_of_edge(e, light)).collect(),
+                    objects: edges.iter().map(|e| e.object).collect(),
+                    quads,
+                    ..none
+                }
+            }
+            Some((Falloff::Planes(falloff), construction)) => {
+                let wedges = planes::wedges(edges, light, construction);
+                let kernel = wedges
+                    .par_iter()
+                    .map(|w| interpolate::Wedge::new(w, light, falloff));
+                Cast {
+                    interior: Interior::Planes(kernel.collect()),
+                    bounds: wedges.par_iter().map(Bounds::of_wedge).collect(),
+                    objects: objects(&wedges),
+                    quads: wedges.iter().map(Wedge::front_quad).collect(),
+                    ..none
+                }
+            }
+            Some((Falloff::Fan(count), construction)) => {
+                let wedges = planes::wedges(edges, light, construction);
+                let part = |k: usize| (k as f64 + 0.5) / count as f64;
+                let mut quads: Vec<Quad> = wedges
+                    .par_iter()
+                    .flat_map_iter(|w| (0..count).map(move |k| w.quad(part(k))))
+                    .collect();
+                quads.par_sort_by_key(|q| q.object);
+                Cast {
+                    quads,
+                    fan: count,
+                    ..none
+                }
+            }
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        let interior = match &self.interior {
+            Interior::None => 0,
+            Interior::Area(edges) => size_of_val(&edges[..]),
+            Interior::Planes(wedges) => size_of_val(&wedges[..]),
+        };
+        interior + size_of_val(&self.quads[..]) + size_of_val(&self.bounds[..])
+    }
+}
+
+impl PreparedWedges {
+    #[allow(clippy::new_ret_no_self, reason = "a method's product")]
+    fn new(
+        method: &'static str,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        opaque: bool,
+        settings: Settings,
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        let casters = Casters::new(method, geometry, opaque)?;
+        let mut clock = Instant::now();
+        let mut lap = || {
+            let seconds = clock.elapsed().as_secs_f64();
+            clock = Instant::now();
+            seconds
+        };
+        casters.connect(settings.objects());
+        let adjacency = lap();
+        control.check()?;
+        let contours: Vec<Vec<Edge>> = lights
+            .iter()
+            .map(|l| casters.silhouettes(l.center(), settings.objects()))
+            .collect();
+        let silhouettes = lap();
+        control.check()?;
+        let casts = contours
+            .iter()
+            .zip(&lights)
+            .map(|(edges, light)| Cast::new(edges, light, &settings))
+            .collect();
+        let seconds = vec![
+            ("adjacency", adjacency),
+            ("silhouettes", silhouettes),
+            ("wedges", lap()),
+        ];
+        Ok(Box::new(PreparedWedges {
+            method,
+            casters,
+            casts,
+            settings,
+            seconds,
+        }))
+    }
+}
+
+impl Prepared for PreparedWedges {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+        let cast = &self.casts[light];
+        let Some(camera) = &receivers.camera else {
+            let reason = "it needs a camera".into();
+            return Err(Error::Unsupported {
+                method: self.method,
+                reason,
+            });
+        };
+        let center = cast.light.center();
+        let (counting, objects) = (self.settings.counting, self.settings.objects());
+        let drawing = volume::draw(
+            &self.casters,
+            &cast.quads,
+            center,
+            camera,
+            counting,
+            objects,
+            cast.fan as i32,
+        );
+        let frame = Frame::new(cast, &drawing, receivers, camera, &self.settings);
+        // Receivers are counted once a group, as by every method; tiles need no steps of their own.
+        let silent = Control::default();
+        let tiles = rasterize_projected(
+            &drawing.points,
+            &drawing.bounds,
+            &drawing.faces,
+            |_| true,
+            camera,
+            &silent,
+            |tile| TileBuffer::new(&frame, tile),
+        )?;
+        let parts: Vec<Vec<(u32, Vec<f32>)>> = tiles
+            .into_par_iter()
+            .map(|(_, buffer)| {
+                let groups = buffer.finish();
+                groups.iter().try_for_each(|_| control.step())?;
+                Ok(groups)
+            })
+            .collect::<Result<_>>()?;
+        let mut visibility = vec![1.0; receivers.len()];
+        for (group, values) in parts.into_iter().flatten() {
+            let first = receivers.groups[group as usize] as usize;
+            visibility[first..first + values.len()].copy_from_slice(&values);
+        }
+        Ok(Shading {
+            visibility,
+            irradiance: None,
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        self.casts.iter().map(Cast::bytes).sum()
+    }
+
+    fn seconds(&self) -> Vec<(&'static str, f64)> {
+        self.seconds.clone()
+    }
+}

@@ -1,0 +1,399 @@
+//! Shadow volumes: how many layers lie between a light and what the camera sees (Akenine-Möller and
+//! Assarsson 2002, Section 3), counted where view rays cross the volumes' surfaces.
+//!
+//! A volume's sides are quads that start at silhouette edges and reach away from the light. They are made
+//! so long that nothing in the scene, and not the eye, is as far, and go through the one rasteriser, whose
+//! rule at shared edges makes each view ray cross each surface exactly once. Whether a crossing lies before
+//! a receiver is the side of the quad's plane that the receiver is on, decided by one number, the same that
+//! decides what a wedge does there: depths are never compared.
+//!
+//! Counting from the eye (*Z-pass*) starts with the layers between the light and the eye itself, found from
+//! the triangles that the segment from the light to the eye crosses; so it is right for a viewer in shadow
+//! or inside an occluder too. Where the eye lies in the plane of a quad, within the rasteriser's near
+//! distance, it has no side, and layers are counted from the other end. Counting from behind the receiver (*Z-fail*, the paper's Section 8) needs the
+//! volumes closed, by the triangles themselves and by their copies at the far end, and no start.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::contour::{Casters, Edge};
+use crate::camera::Camera;
+use crate::mesh::silhouettes::side_of;
+use crate::raster::project;
+use crate::raster::setup::{Bounds as PixelBounds, NEAR};
+
+/// One side of a shadow volume: from an edge away from the light.
+#[derive(Debug, Clone, Copy)]
+pub struct Quad {
+    /// Local positions of its edge.
+    pub ends: [DVec3; 2],
+    /// Unit directions of its sides; each is shared with the neighbour.
+    pub rays: [DVec3; 2],
+    /// Normal of its plane, out of the shadow.
+    pub normal: DVec3,
+    /// A point is on the shadow's side where `normal · p < offset`.
+    pub offset: f64,
+    /// Front layers that the volume has more on the shadow's side.
+    pub front: i32,
+    /// Back layers.
+    pub back: i32,
+    /// Object; quads are in the order of their objects.
+    pub object: u32,
+}
+
+impl Quad {
+    /// The side of a hard shadow's volume: the plane through an edge and the light's centre.
+    pub fn hard(edge: &Edge, center: DVec3) -> Quad {
+        let [a, b] = edge.ends.map(|v| v - center);
+        let normal = a.cross(b);
+        Quad {
+            ends: edge.ends,
+            rays: [a, b].map(DVec3::normalize_or_zero),
+            normal,
+            offset: normal.dot(center),
+            front: edge.front,
+            back: edge.back,
+            object: edge.object,
+        }
+    }
+
+    fn behind(&self, p: DVec3) -> bool {
+        self.normal.dot(p) < self.offset
+    }
+}
+
+/// From which end of the view ray layers are counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Counting {
+    /// From the eye, starting with the layers over it; from infinity where the eye is on a volume's side.
+    ZPass,
+    /// From infinity, the volumes closed by caps.
+    ZFail,
+}
+
+/// What a rasterised triangle, half a quad or a cap, counts.
+#[derive(Debug, Clone, Copy)]
+pub struct Surface {
+    /// Plane of a quad; unused for caps.
+    pub normal: DVec3,
+    /// Offset of the plane.
+    pub offset: f64,
+    /// Whether it counts for receivers on the shadow's side of the plane, or for those on the other.
+    pub counts_behind: bool,
+    /// Whether it counts wherever it covers a pixel.
+    pub cap: bool,
+    /// Change of the front layers that its crossing stands for.
+    pub front: i32,
+    /// Change of the back layers.
+    pub back: i32,
+    /// Its object.
+    pub object: u32,
+}
+
+impl Surface {
+    /// Whether the crossing counts for a receiver on the shadow's side (or not) of its plane.
+    pub fn counts(&self, behind: bool) -> bool {
+        behind == self.counts_behind
+    }
+}
+
+/// Layers over the eye, by object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Start {
+    /// The object.
+    pub object: u32,
+    /// Front layers.
+    pub front: i32,
+    /// Back layers.
+    pub back: i32,
+}
+
+/// What the rasteriser gets for one camera.
+pub struct Drawing {
+    /// Homogeneous pixel coordinates.
+    pub points: Vec<DVec3>,
+    /// Their pixels.
+    pub bounds: Vec<PixelBounds>,
+    /// Triangles.
+    pub faces: Vec<[u32; 3]>,
+    /// What each triangle counts.
+    pub surfaces: Vec<Surface>,
+    /// Layers that counting starts with, where there are any; in the order of objects.
+    pub start: Vec<Start>,
+}
+
+/// Prepares the volumes of `quads` for a camera; there are `copies` quads for each edge.
+pub fn draw(
+    casters: &Casters,
+    quads: &[Quad],
+    center: DVec3,
+    camera: &Camera,
+    counting: Counting,
+    objects: bool,
+    copies: i32,
+) -> Drawing {
+    let eye = camera.eye;
+    // A quad seen edge-on by the eye in its plane covers no pixel, but the eye is on neither side of it.
+    let touches = |q: &Quad| {
+        let distance = q.normal.dot(eye) - q.offset;
+        distance.abs() <= NEAR * q.normal.length() * (1.0 + eye.length())
+    };
+    let counting = match counting {
+        Counting::ZPass if quads.par_iter().any(touches) => Counting::ZFail,
+        other => other,
+    };
+    // Every receiver is within 2 of the origin, and so is what casts; the eye and the light may be farther.
+    let reach = 16.0 * (4.0 + eye.length() + center.length());
+    let mut drawing = Drawing {
+        points: Vec::with_capacity(6 * quads.len()),
+        bounds: Vec::with_capacity(6 * quads.len()),
+        faces: Vec::with_capacity(2 * quads.len()),
+        surfaces: Vec::with_capacity(2 * quads.len()),
+        start: Vec::new(),
+    };
+    for quad in quads {
+        let [a, b] = quad.ends;
+        let eye_behind = quad.behind(eye);
+        // Crossed before a receiver on the other side than the eye; the other surfaces that cover it lie
+        // behind it, and are crossed in the other direction when counting from there.
+        let (sign, counts_behind) = match counting {
+            Counting::ZPass => (1 - 2 * i32::from(eye_behind), !eye_behind),
+            Counting::ZFail => (2 * i32::from(eye_behind) - 1, eye_behind),
+        };
+        let far = [a + reach * quad.rays[0], b + reach * quad.rays[1]];
+        for corners in [[a, b, far[1]], [a, far[1], far[0]]] {
+            // Where the rays cross, the part beyond is turned over and counts the other way.
+            let [p, q, r] = corners;
+            let turned = (q - p).cross(r - p).dot(quad.normal) > 0.0;
+            let sign = if turned { -sign } else { sign };
+            let surface = Surface {
+                normal: quad.normal,
+                offset: quad.offset,
+                counts_behind,
+                cap: false,
+                front: sign * quad.front,
+                back: sign * quad.back,
+                object: quad.object,
+            };
+            drawing.add(camera, corners, surface);
+        }
+    }
+    match counting {
+        Counting::ZPass => drawing.start = layers_over(casters, quads, center, eye, objects),
+        Counting::ZFail => {
+            let caps = Caps {
+                center,
+                reach,
+                copies,
+            };
+            caps.draw(casters, quads, camera, objects, &mut drawing);
+            // Tiles want each object's surfaces together.
+            drawing.surfaces_by_object();
+        }
+    }
+    drawing
+}
+
+impl Drawing {
+    fn add(&mut self, camera: &Camera, corners: [DVec3; 3], surface: Surface) {
+        let first = self.points.len() as u32;
+        for (point, bounds) in corners.map(|p| project(p, camera)) {
+            self.points.push(point);
+            self.bounds.push(bounds);
+        }
+        self.faces.push([first, first + 1, first + 2]);
+        self.surfaces.push(surface);
+    }
+
+    fn surfaces_by_object(&mut self) {
+        let mut order: Vec<usize> = (0..self.faces.len()).collect();
+        order.sort_by_key(|&i| self.surfaces[i].object);
+        self.faces = order.iter().map(|&i| self.faces[i]).collect();
+        self.surfaces = order.iter().map(|&i| self.surfaces[i]).collect();
+    }
+}
+
+/// Six times the volume of a tetrahedron; positive where its first three corners run clockwise as `d`
+/// sees them.
+fn volume(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> f64 {
+    (a - d).dot((b - d).cross(c - d))
+}
+
+/// What closes the volumes: triangles, their copies at the far end, and what the quads' rays leave between.
+struct Caps {
+    center: DVec3,
+    reach: f64,
+    copies: i32,
+}
+
+impl Caps {
+    fn draw(
+        &self,
+        casters: &Casters,
+        quads: &[Quad],
+        camera: &Camera,
+        objects: bool,
+        drawing: &mut Drawing,
+    ) {
+        let &Caps {
+            center,
+            reach,
+            copies,
+        } = self;
+        let geometry = casters.geometry();
+        let far = |p: DVec3| p + reach * (p - center).normalize_or_zero();
+        let mut add = |corners: [DVec3; 3], layers: [i32; 2], object: u32| {
+            let surface = Surface {
+                normal: DVec3::ZERO,
+                offset: 0.0,
+                counts_behind: false,
+                cap: true,
+                front: layers[0],
+                back: layers[1],
+                object,
+            };
+            drawing.add(camera, corners, surface);
+        };
+        for (face, object) in casters.faces(objects) {
+            let corners = geometry.corners(face).map(|v| v.as_dvec3());
+            let side = side_of(corners, center);
+            let seen = side_of(corners, camera.eye);
+            if side == 0 || seen == 0 {
+                continue;
+            }
+            let layers = |n: i32| {
+                if side > 0 {
+                    [n * copies, 0]
+                } else {
+                    [0, n * copies]
+                }
+            };
+            // Going away from the eye, a ray enters through the near cap where the eye is on the light's
+            // side; what is found behind the receiver is not over it.
+            add(corners, layers(if seen == side { -1 } else { 1 }), object);
+            // The eye is always inside the far end.
+            add(corners.map(far), layers(1), object);
+        }
+        for quad in quads {
+            let [a, b] = quad.ends;
+            let [fa, fb] = [far(a), far(b)];
+            let [ga, gb] = [a + reach * quad.rays[0], b + reach * quad.rays[1]];
+            for [p, q, r] in [[ga, gb, fb], [ga, fb, fa]] {
+                let sign = match volume(p, q, r, camera.eye) {
+                    v if v < 0.0 => 1,
+                    v if v > 0.0 => -1,
+                    _ => continue,
+                };
+                add(
+                    [p, q, r],
+                    [sign * quad.front, sign * quad.back],
+                    quad.object,
+                );
+            }
+        }
+    }
+}
+
+/// Layers between the light's centre and the eye: what the segment between them crosses.
+fn layers_over(
+    casters: &Casters,
+    quads: &[Quad],
+    center: DVec3,
+    eye: DVec3,
+    objects: bool,
+) -> Vec<Start> {
+    let geometry = casters.geometry();
+    let Some(axis) = (eye - center).try_normalize() else {
+        return Vec::new();
+    };
+    let u = axis.any_orthonormal_vector();
+    let v = axis.cross(u);
+    // Where the segment is seen as a point, a triangle that it crosses surrounds that point; the margin is
+    // far above the rounding of coordinates within 2 and far below a triangle's size.
+    let margin = 1e-12 * (4.0 + eye.length() + center.length());
+    let mut found: Vec<Start> = casters
+        .faces(objects)
+        .into_par_iter()
+        .filter_map(|(face, object)| {
+            let corners = geometry.corners(face).map(|p| p.as_dvec3());
+            for w in [u, v] {
+                let d = corners.map(|p| w.dot(p - eye));
+                if d.iter().all(|d| *d > margin) || d.iter().all(|d| *d < -margin) {
+                    return None;
+                }
+            }
+            let [side, other] = [center, eye].map(|p| side_of(corners, p));
+            if side == 0 || side == other {
+                return None;
+            }
+            let vertices = geometry.faces[face as usize];
+            let around = (0..3).all(|i| {
+                let (p, q) = (vertices[i], vertices[(i + 1) % 3]);
+                let at = |v: u32| geometry.positions[v as usize].as_dvec3();
+                on_left(center, eye, at(p), at(q)) == (side > 0)
+            });
+            let (front, back) = if side > 0 { (1, 0) } else { (0, 1) };
+            around.then_some(Start {
+                object,
+                front,
+                back,
+            })
+        })
+        .collect();
+    found.extend(quads.iter().filter_map(|q| crossing(q, center, eye)));
+    found.sort_by_key(|s| s.object);
+    let mut out: Vec<Start> = Vec::new();
+    for s in found {
+        match out.last_mut() {
+            Some(last) if last.object == s.object => {
+                last.front += s.front;
+                last.back += s.back;
+            }
+            _ => out.push(s),
+        }
+    }
+    out
+}
+
+/// Whether `center` sees `eye` on the left of the line from `p` to `q`. Of the two directions of a line
+/// always one has it on its left, so that a segment through a shared edge crosses one of what meets there.
+fn on_left(center: DVec3, eye: DVec3, p: DVec3, q: DVec3) -> bool {
+    if p.to_array() < q.to_array() {
+        side_of([center, p, q], eye) < 0
+    } else {
+        side_of([center, q, p], eye) >= 0
+    }
+}
+
+/// What the segment from the light's centre to the eye gains where it crosses a quad, on whose lit side the
+/// centre is. Quads of hard shadows run along the segment and gain nothing.
+fn crossing(quad: &Quad, center: DVec3, eye: DVec3) -> Option<Start> {
+    if quad.normal.dot(center) <= quad.offset || !quad.behind(eye) {
+        return None;
+    }
+    // Seen from the centre, the quad is on the right of its edge, of its second ray, and of the way back
+    // along its first; turned over where the rays cross.
+    let [a, b] = quad.ends;
+    let beside_a = !on_left(center, eye, a, a + quad.rays[0]);
+    let beside_b = !on_left(center, eye, b, b + quad.rays[1]);
+    if beside_a == beside_b {
+        return None;
+    }
+    let away = if a == b {
+        // No edge, only a vertex: whether the crossing lies on the rays' side of it.
+        let [c, e] = [center, eye].map(|p| quad.normal.dot(p) - quad.offset);
+        let crossing = center + (eye - center) * (c / (c - e));
+        (crossing - a).dot(quad.rays[0] + quad.rays[1]) > 0.0
+    } else {
+        !on_left(center, eye, a, b)
+    };
+    if !away {
+        return None;
+    }
+    let sign = if beside_b { 1 } else { -1 };
+    Some(Start {
+        object: quad.object,
+        front: sign * quad.front,
+        back: sign * quad.back,
+    })
+}
