@@ -20,7 +20,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
 use crate::simd::{Lanes, detect, dispatch};
-use setup::{Block, Bounds, SHAPES, Setup};
+use setup::{Block, Bounds, Outline, SHAPES, Setup};
 
 /// Pixels in a span, the unit that sinks receive.
 pub const SPAN: usize = 8;
@@ -146,10 +146,20 @@ pub fn rasterize_projected<S: Sink>(
                     continue;
                 };
                 if keep(id) {
-                    for ty in low[1] / TILE..=high[1] / TILE {
-                        for tx in low[0] / TILE..=high[0] / TILE {
-                            pairs.push((ty * columns + tx, id));
+                    let across = [0, 1].map(|i| low[i] / TILE..=high[i] / TILE);
+                    let [xs, ys] = across;
+                    // A long sliver lies in few of the tiles of its bounds.
+                    let long = xs.end() - xs.start() > 1 && ys.end() - ys.start() > 1;
+                    let outline = long.then(|| Outline::new(face, points));
+                    for ty in ys {
+                        let mut xs = xs.clone();
+                        if let Some(outline) = &outline {
+                            let top = f64::from(ty * TILE) - 1.0;
+                            let (x0, x1) = outline.extent(top, top + f64::from(TILE) + 2.0);
+                            let first = (x0.max(0.0) as u32 / TILE).max(*xs.start());
+                            xs = first..=(x1.max(0.0) as u32 / TILE).min(*xs.end());
                         }
+                        pairs.extend(xs.map(|tx| (ty * columns + tx, id)));
                     }
                 }
             }

@@ -273,6 +273,50 @@ pub fn pixels(
     }
 }
 
+/// The part of a triangle in front of the near plane, in the image.
+pub struct Outline {
+    corners: [[f64; 2]; 4],
+    count: usize,
+}
+
+impl Outline {
+    /// Of a triangle whose vertices were projected to `points`.
+    pub fn new(face: &[u32; 3], points: &[DVec3]) -> Self {
+        let (polygon, count) = in_front(face, points);
+        Outline {
+            corners: polygon.map(|p| [p.x / p.z, p.y / p.z]),
+            count,
+        }
+    }
+
+    /// Lowest and highest `x` between the rows `top` and `bottom` (both in pixels), a pixel more than rounding
+    /// could be wrong by; infinite where a corner is not a number.
+    pub fn extent(&self, top: f64, bottom: f64) -> (f64, f64) {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for i in 0..self.count {
+            let (a, b) = (self.corners[i], self.corners[(i + 1) % self.count]);
+            let [a, b] = if a[1] < b[1] { [a, b] } else { [b, a] };
+            if b[1] < top || a[1] > bottom {
+                continue;
+            }
+            let slope = (b[0] - a[0]) / (b[1] - a[1]);
+            for (end, row) in [(a, a[1].max(top)), (b, b[1].min(bottom))] {
+                let x = if row == end[1] {
+                    end[0]
+                } else {
+                    a[0] + slope * (row - a[1])
+                };
+                let margin = 1.0 + DOUBT * (a[0].abs() + b[0].abs() + x.abs());
+                if !x.is_finite() {
+                    return (f64::NEG_INFINITY, f64::INFINITY);
+                }
+                (low, high) = (low.min(x - margin), high.max(x + margin));
+            }
+        }
+        (low, high)
+    }
+}
+
 /// Clips a triangle at the near plane and passes on what can cover a pixel's centre.
 #[inline(always)]
 pub fn triangles(face: &[u32; 3], points: &[DVec3], camera: &Camera, out: &mut Vec<Setup>) {
