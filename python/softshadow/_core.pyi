@@ -58,17 +58,7 @@ class Method:
     @staticmethod
     def shadow_volume(counting: str, opacity: str | None, cull: bool) -> Method: ...
     @staticmethod
-    def wedges(
-        falloff: str,
-        quads: int | None,
-        overlap: str,
-        buffer: str,
-        counting: str,
-        vertex_angle: float,
-        planes: str,
-        opacity: str | None,
-        cull: bool,
-    ) -> Method: ...
+    def wedges(parameters: object) -> Method: ...
 
 @final
 class Scene:

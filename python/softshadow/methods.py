@@ -157,17 +157,7 @@ class Wedges(Method):
     name: ClassVar[str] = "wedges"
 
     def _to_core(self) -> _core.Method:
-        return _core.Method.wedges(
-            self.falloff,
-            self.quads,
-            self.overlap,
-            self.buffer,
-            self.counting,
-            self.vertex_angle,
-            self.planes,
-            self.opacity,
-            self.cull,
-        )
+        return _core.Method.wedges(self)
 
 
 _METHODS: dict[str, type[Method]] = {m.name: m for m in (Hard, RayTraced, ShadowVolume, Wedges)}

@@ -23,6 +23,9 @@ pub(super) mod kernels {
     use crate::scene::{Material, Scene};
     use crate::simd::LANES;
 
+    #[pymodule_export]
+    use super::super::wedges::{light_intensity, wedges};
+
     type Ints2<'py> = Bound<'py, PyArray2<i32>>;
     type Ints1<'py> = Bound<'py, PyArray1<i32>>;
     type Floats2<'py> = Bound<'py, PyArray2<f32>>;

@@ -5,12 +5,14 @@
 //! - [`arrays`]: NumPy arrays to vectors of points and back;
 //! - [`objects`]: scene, camera, light and method objects;
 //! - [`render`]: preparing and rendering;
-//! - [`kernels`]: the pieces, as functions from arrays to arrays.
+//! - [`kernels`]: the pieces, as functions from arrays to arrays;
+//! - [`wedges`]: those of penumbra wedges.
 
 mod arrays;
 mod kernels;
 mod objects;
 mod render;
+mod wedges;
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};

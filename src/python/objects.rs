@@ -224,21 +224,28 @@ impl PyMethod {
     }
 
     #[staticmethod]
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "one each parameter of the method"
-    )]
-    fn wedges(
-        falloff: &str,
-        quads: Option<i64>,
-        overlap: &str,
-        buffer: &str,
-        counting: &str,
-        vertex_angle: f64,
-        planes: &str,
-        opacity: Option<&str>,
-        cull: bool,
-    ) -> Result<Self> {
+    fn wedges(parameters: WedgeParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+}
+
+/// The parameters of penumbra wedges as Python has them: attributes of `softshadow.Wedges`.
+#[derive(FromPyObject)]
+pub(super) struct WedgeParameters {
+    falloff: String,
+    quads: Option<i64>,
+    overlap: String,
+    buffer: String,
+    counting: String,
+    vertex_angle: f64,
+    planes: String,
+    opacity: Option<String>,
+    cull: bool,
+}
+
+impl WedgeParameters {
+    /// Checks them.
+    pub(super) fn parse(&self) -> Result<Wedges> {
         let method = "Wedges";
         let falloffs = [
             ("light", Falloff::Light),
@@ -246,8 +253,8 @@ impl PyMethod {
             ("linear", Falloff::Planes(interpolate::Falloff::Linear)),
             ("smooth", Falloff::Planes(interpolate::Falloff::Smooth)),
         ];
-        let falloff = choice(method, "falloff", falloff, &falloffs)?;
-        let falloff = match quads {
+        let falloff = choice(method, "falloff", &self.falloff, &falloffs)?;
+        let falloff = match self.quads {
             None => falloff,
             Some(n @ 1..=256) => Falloff::Fan(n as usize),
             Some(n) => {
@@ -255,38 +262,36 @@ impl PyMethod {
                 return Err(Error::parameter(method, reason));
             }
         };
-        if !(1.0..=180.0).contains(&vertex_angle) {
-            let reason = format!("vertex_angle must be 1 to 180 degrees, got {vertex_angle}");
-            return Err(Error::parameter(method, reason));
-        }
         let overlaps = [
             ("add", Overlap::Add),
             ("multiply", Overlap::Multiply),
             ("minimum", Overlap::Minimum),
         ];
-        Ok(PyMethod(Arc::new(Wedges {
+        let buffers = [("float", false), ("integer", true)];
+        Ok(Wedges {
             falloff,
-            overlap: choice(method, "overlap", overlap, &overlaps)?,
-            integer: choice(
-                method,
-                "buffer",
-                buffer,
-                &[("float", false), ("integer", true)],
-            )?,
-            counting: parse_counting(method, counting)?,
-            construction: Construction {
-                vertex_angle: vertex_angle.to_radians(),
-                paper_planes: choice(
-                    method,
-                    "planes",
-                    planes,
-                    &[("tangent", false), ("paper", true)],
-                )?,
-            },
-            opaque: parse_opaque(method, opacity)?,
-            cull,
-        })))
+            overlap: choice(method, "overlap", &self.overlap, &overlaps)?,
+            integer: choice(method, "buffer", &self.buffer, &buffers)?,
+            counting: parse_counting(method, &self.counting)?,
+            construction: parse_construction(self.vertex_angle, &self.planes)?,
+            opaque: parse_opaque(method, self.opacity.as_deref())?,
+            cull: self.cull,
+        })
     }
+}
+
+/// How wedges are built.
+pub(super) fn parse_construction(vertex_angle: f64, planes: &str) -> Result<Construction> {
+    let method = "Wedges";
+    if !(1.0..=180.0).contains(&vertex_angle) {
+        let reason = format!("vertex_angle must be 1 to 180 degrees, got {vertex_angle}");
+        return Err(Error::parameter(method, reason));
+    }
+    let kinds = [("tangent", false), ("paper", true)];
+    Ok(Construction {
+        vertex_angle: vertex_angle.to_radians(),
+        paper_planes: choice(method, "planes", planes, &kinds)?,
+    })
 }
 
 /// The value that a name stands for.

@@ -244,10 +244,11 @@ unsafe fn fill_one<S: Lanes>(setup: &Setup, triangle: u32, tile: Tile, sink: &mu
         .trailing_zeros()
         .min(3) as usize];
     let (columns, rows) = (shape.columns, SPAN as u32 / shape.columns);
+    let crossings = setup.crossings();
     let mut y = y_start;
     while y <= y_end {
         let (mut x, x_end) = match columns {
-            8 => setup.columns(y, x_start, x_end),
+            8 => setup::columns(&crossings, y, x_start, x_end),
             _ => (x_start, x_end),
         };
         while x <= x_end {

@@ -10,7 +10,7 @@
 use glam::DVec3;
 
 use super::SPAN;
-use crate::camera::Camera;
+use crate::camera::{Camera, MAX_SIZE};
 use crate::simd::Lanes;
 
 /// Distance of the near plane in local units, in which the scene's half-extent is between ½ and 1:
@@ -114,27 +114,61 @@ impl Block {
     }
 }
 
+/// Where an edge crosses the rows of pixels.
+#[derive(Clone, Copy)]
+pub struct Crossing {
+    first: f64,
+    slope: f64,
+    above: bool,
+}
+
+/// First and last column, of those from `first` to `last`, whose pixels in row `y` can be inside; none are
+/// where the first is beyond the last. Long slanted slivers fill little of their bounds.
+#[inline(always)]
+pub fn columns(crossings: &[Crossing; 3], y: u32, first: u32, last: u32) -> (u32, u32) {
+    let (mut low, mut high) = (f64::from(first), f64::from(last));
+    for c in crossings {
+        let x = c.first + c.slope * f64::from(y);
+        // What is not a number, or infinite (a horizontal edge), changes nothing.
+        if !x.is_finite() {
+            continue;
+        }
+        if c.above {
+            high = smaller(x, high);
+        } else {
+            low = -smaller(-x, -low);
+        }
+    }
+    if low > high {
+        return (1, 0);
+    }
+    (low as u32, high as u32)
+}
+
 impl Setup {
-    /// First and last column, of those from `first` to `last`, whose pixels in row `y` can be inside: where
-    /// the edges cross the row, and a pixel more than rounding could be wrong by. None are where the first
-    /// is beyond the last. Long slanted slivers fill little of their bounds.
+    /// Where the edges cross rows: for each edge the column in row 0, its change from row to row, and a pixel
+    /// more than rounding can be wrong by; positive slopes of `dy` bound from above, negative from below.
     #[inline(always)]
-    pub fn columns(&self, y: u32, first: u32, last: u32) -> (u32, u32) {
-        let (mut low, mut high) = (f64::from(first), f64::from(last));
-        for e in &self.edges {
-            let crossing = e.x - 0.5 + e.dx * (f64::from(y) + 0.5 - e.y) / e.dy;
-            let margin = 1.0 + DOUBT * (e.x.abs() + crossing.abs());
-            // What is not a number changes nothing.
-            if e.dy > 0.0 && crossing + margin < high {
-                high = crossing + margin;
-            } else if e.dy < 0.0 && crossing - margin > low {
-                low = crossing - margin;
+    pub fn crossings(&self) -> [Crossing; 3] {
+        self.edges.map(|e| {
+            let slope = e.dx / e.dy;
+            let first = e.x - 0.5 + slope * (0.5 - e.y);
+            let rows = slope.abs() * f64::from(MAX_SIZE);
+            let margin = 1.0 + DOUBT * (first.abs() + e.x.abs() + rows);
+            if e.dy > 0.0 {
+                Crossing {
+                    first: first + margin,
+                    slope,
+                    above: true,
+                }
+            } else {
+                Crossing {
+                    first: first - margin,
+                    slope,
+                    above: false,
+                }
             }
-        }
-        if low > high {
-            return (1, 0);
-        }
-        (low as u32, high as u32)
+        })
     }
 
     /// Which of the pixels `within` a block are inside.

@@ -30,7 +30,7 @@ use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 #[derive(Debug, Clone, Default)]
 pub struct Block {
     /// Local positions; `f64`, so that differences to vertices in contact are exact to `f32`.
-    pub position: [[f64; LANES]; 3],
+    position: [[f64; LANES]; 3],
     /// From directions to homogeneous coordinates on the light, by rows.
     matrix: [[Row; 3]; 3],
     /// What the last row gives at the light's centre: silhouettes farther away do not occlude.
@@ -80,10 +80,10 @@ impl AreaEdge {
 
 impl Block {
     /// Fills the lanes; what is left over repeats the first receiver.
-    pub fn set(&mut self, light: &Light, receivers: &[DVec3]) {
+    pub fn set(&mut self, frame: &LightFrame, receivers: &[DVec3]) {
         for lane in 0..LANES {
             let p = receivers[if lane < receivers.len() { lane } else { 0 }];
-            let (rows, far) = light_matrix(light, p);
+            let (rows, far) = frame.matrix(p);
             for axis in 0..3 {
                 self.position[axis][lane] = p[axis];
                 for (row, value) in rows.iter().enumerate() {
@@ -95,50 +95,100 @@ impl Block {
     }
 }
 
-/// Rows of the matrix from directions at `p` to homogeneous coordinates in which the light is the unit disk
-/// or the square [-1, 1]², and the last coordinate beyond which geometry is behind the light.
-fn light_matrix(light: &Light, p: DVec3) -> ([DVec3; 3], f64) {
-    let d = p - light.center();
-    let (u, v, n) = match light.shape {
-        Shape::Sphere { radius, .. } => {
-            let distance = d.length();
-            let axis = -d / distance;
-            let e = axis.any_orthonormal_vector();
-            // Cotangent of the half-angle of the cone in which the light is seen; inside it, anything.
-            let cot = (distance * distance - radius * radius).max(0.0).sqrt() / radius;
-            return ([e * cot, axis.cross(e) * cot, axis], distance);
+/// A light's own coordinates, in which it is the unit disk or the square [-1, 1]².
+#[derive(Debug, Clone, Copy)]
+pub enum LightFrame {
+    /// A sphere: a disk towards each receiver.
+    Sphere {
+        /// Centre.
+        center: DVec3,
+        /// Radius.
+        radius: f64,
+    },
+    /// A disk or a rectangle, by the dual basis of its half-axes.
+    Flat {
+        /// Centre.
+        center: DVec3,
+        /// From a point to its first coordinate.
+        u: DVec3,
+        /// To its second.
+        v: DVec3,
+        /// To its distance from the light's plane.
+        n: DVec3,
+        /// Whether it is a rectangle.
+        square: bool,
+    },
+}
+
+impl LightFrame {
+    /// Of a light with a width.
+    pub fn new(light: &Light) -> Self {
+        match light.shape {
+            Shape::Sphere { center, radius } => LightFrame::Sphere { center, radius },
+            Shape::Disk {
+                center,
+                normal,
+                radius,
+            } => {
+                let e = normal.any_orthonormal_vector();
+                LightFrame::Flat {
+                    center,
+                    u: e / radius,
+                    v: normal.cross(e) / radius,
+                    n: normal,
+                    square: false,
+                }
+            }
+            Shape::Rect { center, u, v } => {
+                let n = u.cross(v);
+                let area = n.length_squared();
+                LightFrame::Flat {
+                    center,
+                    u: 2.0 * v.cross(n) / area,
+                    v: 2.0 * n.cross(u) / area,
+                    n: n / area.sqrt(),
+                    square: true,
+                }
+            }
         }
-        Shape::Disk { normal, radius, .. } => {
-            let e = normal.any_orthonormal_vector();
-            (e / radius, normal.cross(e) / radius, normal)
+    }
+
+    /// Rows of the matrix from directions at `p` to homogeneous coordinates on the light, and the last
+    /// coordinate beyond which geometry is behind the light.
+    fn matrix(&self, p: DVec3) -> ([DVec3; 3], f64) {
+        match *self {
+            LightFrame::Sphere { center, radius } => {
+                let d = center - p;
+                let distance = d.length();
+                let axis = d / distance;
+                let e = axis.any_orthonormal_vector();
+                // Cotangent of the half-angle of the cone in which the light is seen; inside it, anything.
+                let cot = (distance * distance - radius * radius).max(0.0).sqrt() / radius;
+                ([e * cot, axis.cross(e) * cot, axis], distance)
+            }
+            LightFrame::Flat {
+                center, u, v, n, ..
+            } => {
+                let d = p - center;
+                // The ray p + t w meets the light's plane at t = -(d·n) / (w·n).
+                let (x, y, z) = (u.dot(d), v.dot(d), n.dot(d));
+                ([z * u - x * n, z * v - y * n, -n], f64::INFINITY)
+            }
         }
-        Shape::Rect { u, v, .. } => {
-            // Coordinates along the half-edges: the dual basis.
-            let n = u.cross(v);
-            let area = n.length_squared();
-            (
-                2.0 * v.cross(n) / area,
-                2.0 * n.cross(u) / area,
-                n / area.sqrt(),
-            )
-        }
-    };
-    // The ray p + t w meets the light's plane at t = -(d·n) / (w·n).
-    let (x, y, z) = (u.dot(d), v.dot(d), n.dot(d));
-    ([z * u - x * n, z * v - y * n, -n], f64::INFINITY)
+    }
 }
 
 /// Adds what the edges `ids` cover for a block: front layers and back layers. `steps` is the number of
 /// intensities that an edge's share is rounded to, 0 for none.
 pub fn cover(
-    light: &Light,
+    frame: &LightFrame,
     edges: &[AreaEdge],
     ids: &[u32],
     block: &Block,
     steps: f32,
     out: &mut [Row; 2],
 ) {
-    let square = matches!(light.shape, Shape::Rect { .. });
+    let square = matches!(frame, LightFrame::Flat { square: true, .. });
     dispatch!(detect() => cover_lanes(
         square: bool, edges: &[AreaEdge], ids: &[u32], block: &Block, steps: f32, out: &mut [Row; 2],
     ));

@@ -6,16 +6,16 @@
 //! in its bottom has as many front layers as a closed one. Counting both together would make closed bodies
 //! twice as dark in their penumbrae as sheets.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
-use super::area::{self, AreaEdge, Block};
+use super::area::{self, AreaEdge, Block, LightFrame};
+use super::bounds::{BoundsList, Extent};
 use super::interpolate::{self, Wedge};
-use super::planes;
 use super::volume::Drawing;
 use super::{Buffer, Cast, Overlap, Settings};
 use crate::camera::Camera;
 use crate::raster::{SPAN, Sink, TILE, Tile, tile_count};
-use crate::receivers::Receivers;
+use crate::receivers::{GROUP, Receivers};
 use crate::simd::{LANES, Row};
 
 /// Pixels of a tile, and a span more so that every span can be read whole.
@@ -24,76 +24,12 @@ const PIXELS: usize = (TILE * TILE) as usize + SPAN;
 /// Side of a group of receivers.
 const BLOCK: u32 = 8;
 
-/// Coordinates within 2 and unit normals: distances are wrong by a few ulps of 4 at most.
-const SLACK: f32 = 16.0 * f32::EPSILON;
-
-/// Four planes that bound the receivers whose light an edge can cut: a receiver is outside where one of
-/// `n · p - offset` is positive. Stored by component, so that a box is tested against all four at once.
-#[derive(Debug, Clone, Copy)]
-pub struct Bounds {
-    normal: [[f32; 4]; 3],
-    offset: [f32; 4],
-    /// The last two are side planes that may cross: only what is inside or outside of both alike is out.
-    crossing: bool,
-}
-
-impl Bounds {
-    /// From unit normals and points on the planes; `None` bounds nothing.
-    pub fn new(planes: [Option<(DVec3, DVec3)>; 4]) -> Self {
-        let mut out = Bounds {
-            normal: [[0.0; 4]; 3],
-            offset: [0.0; 4],
-            crossing: false,
-        };
-        for (i, plane) in planes.into_iter().enumerate() {
-            let Some((n, p)) = plane else { continue };
-            for axis in 0..3 {
-                out.normal[axis][i] = n[axis] as f32;
-            }
-            // Coordinates within 2 and unit normals: sums wrong by a few ulps of 4 at most.
-            out.offset[i] = n.dot(p) as f32 + SLACK;
-        }
-        out
-    }
-
-    #[inline]
-    fn meets(&self, center: Vec3, half: Vec3) -> bool {
-        let [nx, ny, nz] = &self.normal;
-        let (mut low, mut high) = ([0.0; 4], [0.0; 4]);
-        for i in 0..4 {
-            let middle = nx[i] * center.x + ny[i] * center.y + nz[i] * center.z - self.offset[i];
-            let reach = nx[i].abs() * half.x + ny[i].abs() * half.y + nz[i].abs() * half.z;
-            (low[i], high[i]) = (middle - reach, middle + reach);
-        }
-        if self.crossing {
-            let in_between = low[2] <= 0.0 && low[3] <= 0.0;
-            let in_crossed = high[2] >= -2.0 * SLACK && high[3] >= -2.0 * SLACK;
-            return low[0] <= 0.0 && low[1] <= 0.0 && (in_between || in_crossed);
-        }
-        low.iter().all(|l| *l <= 0.0)
-    }
-
-    /// Of a wedge between planes.
-    pub fn of_wedge(wedge: &planes::Wedge) -> Self {
-        let plane = |n: DVec3, p: &planes::Plane| Some((n, p.offset * p.normal));
-        let [start, end] = &wedge.sides;
-        let mut out = Bounds::new([
-            plane(wedge.front.normal, &wedge.front),
-            plane(-wedge.back.normal, &wedge.back),
-            plane(-start.normal, start),
-            plane(end.normal, end),
-        ]);
-        out.crossing = true;
-        out
-    }
-}
-
 /// What happens to receivers inside a wedge.
 pub enum Interior {
     /// Nothing: hard shadows.
     None,
     /// The light's area is cut by the edges ([`area`]).
-    Area(Vec<AreaEdge>),
+    Area(LightFrame, Vec<AreaEdge>),
     /// The paper's interpolation between planes ([`interpolate`]).
     Planes(Vec<Wedge>),
 }
@@ -108,6 +44,8 @@ pub(super) struct Frame<'a> {
     width: u32,
     drawing: &'a Drawing,
     settings: &'a Settings,
+    /// Whether tiles keep what covers the light.
+    keep: bool,
 }
 
 impl<'a> Frame<'a> {
@@ -118,6 +56,7 @@ impl<'a> Frame<'a> {
         receivers: &'a Receivers,
         camera: &Camera,
         settings: &'a Settings,
+        keep: bool,
     ) -> Self {
         Frame {
             cast,
@@ -126,6 +65,7 @@ impl<'a> Frame<'a> {
             width: camera.width,
             drawing,
             settings,
+            keep,
         }
     }
 }
@@ -152,25 +92,6 @@ fn groups_by_tile(receivers: &Receivers, camera: &Camera) -> Vec<Vec<u32>> {
     out
 }
 
-/// A box around receivers.
-#[derive(Debug, Clone, Copy)]
-struct Extent {
-    center: Vec3,
-    half: Vec3,
-}
-
-impl Extent {
-    fn of(points: impl Iterator<Item = DVec3>) -> Self {
-        let (low, high) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| {
-            (l.min(p), h.max(p))
-        });
-        let center = (0.5 * (low + high)).as_vec3();
-        // Rounded to `f32`, the middle moves by half an ulp; coordinates are within 2.
-        let half = (0.5 * (high - low)).as_vec3() + Vec3::splat(2.0 * f32::EPSILON);
-        Extent { center, half }
-    }
-}
-
 /// The buffer of one tile.
 pub(super) struct TileBuffer<'a> {
     frame: &'a Frame<'a>,
@@ -186,11 +107,17 @@ pub(super) struct TileBuffer<'a> {
     /// The surface being drawn lies before every receiver of the tile.
     before_all: bool,
     /// Wedges that can reach the tile, in the order of objects, and how many are done.
-    wedges: Vec<u32>,
+    wedges: BoundsList,
     done: usize,
     started: usize,
     visibility: Vec<f32>,
+    /// The buffer itself, front and back layers, for who asks for it.
+    cover: Option<[Vec<f32>; 2]>,
 }
+
+/// What a tile leaves: for each of its groups of receivers their visibility, and what covers the light of
+/// each, front and back layers, if it was asked for.
+pub(super) type Groups = Vec<(u32, Vec<f32>, Vec<[f32; 2]>)>;
 
 impl<'a> TileBuffer<'a> {
     /// An empty buffer: all light.
@@ -212,15 +139,15 @@ impl<'a> TileBuffer<'a> {
         }
         let all = groups.iter().flat_map(|&g| frame.range(g));
         let extent = Extent::of(all.map(|i| frame.receivers.positions[i]));
-        let wedges = match groups.is_empty() {
-            true => Vec::new(),
-            false => (0..frame.cast.bounds.len() as u32)
-                .filter(|&w| {
-                    !frame.settings.cull
-                        || frame.cast.bounds[w as usize].meets(extent.center, extent.half)
-                })
-                .collect(),
-        };
+        let mut wedges = BoundsList::default();
+        if !groups.is_empty() {
+            let all = &frame.cast.bounds;
+            wedges.keep(
+                all,
+                0..all.ids().len(),
+                frame.settings.cull.then_some(&extent),
+            );
+        }
         TileBuffer {
             frame,
             tile,
@@ -236,24 +163,28 @@ impl<'a> TileBuffer<'a> {
             done: 0,
             started: 0,
             visibility: vec![1.0; PIXELS],
+            cover: frame.keep.then(|| [(); 2].map(|()| vec![0.0; PIXELS])),
         }
     }
 
-    /// Ends the tile: the visibility of every receiver of its groups.
-    pub(super) fn finish(mut self) -> Vec<(u32, Vec<f32>)> {
+    /// Ends the tile.
+    pub(super) fn finish(mut self) -> Groups {
         self.end_object(u32::MAX);
         let frame = self.frame;
-        self.groups
-            .iter()
-            .map(|&group| {
-                let values = frame.range(group).map(|i| {
-                    let (p, n) = (frame.receivers.positions[i], frame.receivers.normals[i]);
-                    let h = frame.cast.light.fraction_above(p, n) as f32;
-                    self.visibility[frame.place(self.tile, i)].min(h)
-                });
-                (group, values.collect())
-            })
-            .collect()
+        let light = &frame.cast.light;
+        let one = |&group: &u32| {
+            let visible = frame.range(group).map(|i| {
+                let (p, n) = (frame.receivers.positions[i], frame.receivers.normals[i]);
+                let h = light.fraction_above(p, n) as f32;
+                self.visibility[frame.place(self.tile, i)].min(h)
+            });
+            let cover = self.cover.iter().flat_map(|cover| {
+                let places = frame.range(group).map(|i| frame.place(self.tile, i));
+                places.map(move |at| [cover[0][at], cover[1][at]])
+            });
+            (group, visible.collect(), cover.collect())
+        };
+        self.groups.iter().map(one).collect()
     }
 
     /// Combines all objects before `next` that have layers, wedges or a start here.
@@ -261,10 +192,8 @@ impl<'a> TileBuffer<'a> {
         let frame = self.frame;
         loop {
             let starts = &frame.drawing.start;
-            let wedge = self
-                .wedges
-                .get(self.done)
-                .map(|&w| frame.cast.objects[w as usize]);
+            let ids = self.wedges.ids();
+            let wedge = ids.get(self.done).map(|&w| frame.cast.objects[w as usize]);
             let start = starts.get(self.started).map(|s| s.object);
             let lowest = [self.object, wedge, start].into_iter().flatten().min();
             let Some(object) = lowest.filter(|o| *o < next) else {
@@ -277,7 +206,7 @@ impl<'a> TileBuffer<'a> {
                 self.started += 1;
             }
             let first = self.done;
-            while let Some(&w) = self.wedges.get(self.done) {
+            while let Some(&w) = self.wedges.ids().get(self.done) {
                 if frame.cast.objects[w as usize] != object {
                     break;
                 }
@@ -295,42 +224,34 @@ impl<'a> TileBuffer<'a> {
     /// Lets one object take its light away: its wedges, and the layers counted or over the eye.
     fn combine(&mut self, wedges: std::ops::Range<usize>, over: [i32; 2], counted: bool) {
         let frame = self.frame;
-        let light = &frame.cast.light;
-        let mut near = Vec::new();
+        let (mut near, mut nearest) = (BoundsList::default(), Vec::new());
         let mut block = Block::default();
         let mut points = [DVec3::ZERO; LANES];
+        let mut all = Vec::new();
         for (place, &group) in self.groups.iter().enumerate() {
             let range = frame.range(group);
             let first = frame.place(self.tile, range.start);
             let (x, y) = (first as u32 % TILE / BLOCK, first as u32 / TILE / BLOCK);
             let touched = counted && self.touched >> (y * 8 + x) & 1 == 1;
             let extent = self.extents[place];
-            near.clear();
-            near.extend(self.wedges[wedges.clone()].iter().copied().filter(|&w| {
-                !frame.settings.cull
-                    || frame.cast.bounds[w as usize].meets(extent.center, extent.half)
-            }));
-            if !touched && over == [0, 0] && near.is_empty() {
+            let cull = frame.settings.cull;
+            near.keep(&self.wedges, wedges.clone(), cull.then_some(&extent));
+            if !touched && over == [0, 0] && near.ids().is_empty() {
                 continue;
             }
-            let all: Vec<usize> = range.collect();
+            quarters(range, &mut all);
             for lanes in all.chunks(LANES) {
                 let mut cover = [Row::default(); 2];
-                if !near.is_empty() {
+                if !near.ids().is_empty() {
                     for (p, &i) in points.iter_mut().zip(lanes) {
                         *p = frame.receivers.positions[i];
                     }
-                    match &frame.cast.interior {
-                        Interior::None => {}
-                        Interior::Area(edges) => {
-                            block.set(light, &points[..lanes.len()]);
-                            area::cover(light, edges, &near, &block, frame.steps(), &mut cover);
-                        }
-                        Interior::Planes(wedges) => {
-                            let points = &points[..lanes.len()];
-                            interpolate::cover(wedges, &near, points, frame.steps(), &mut cover);
-                        }
-                    }
+                    let points = &points[..lanes.len()];
+                    let extent = Extent::of(points.iter().copied());
+                    near.list(cull.then_some(&extent), &mut nearest);
+                    frame
+                        .cast
+                        .cover(&nearest, points, &mut block, frame.steps(), &mut cover);
                 }
                 for (lane, &i) in lanes.iter().enumerate() {
                     let at = frame.place(self.tile, i);
@@ -340,14 +261,15 @@ impl<'a> TileBuffer<'a> {
                     };
                     let front = layers(0) / frame.cast.fan as f32 + cover[0].0[lane];
                     let back = layers(1) / frame.cast.fan as f32 + cover[1].0[lane];
-                    let seen = match frame.settings.overlap {
-                        // Clamped once all have been added.
-                        Overlap::Add => 1.0 - front.max(back),
-                        _ => (1.0 - front.max(back)).clamp(0.0, 1.0),
-                    };
+                    if let Some(cover) = &mut self.cover {
+                        cover[0][at] += front;
+                        cover[1][at] += back;
+                    }
+                    let seen = (1.0 - front.max(back)).clamp(0.0, 1.0);
                     let v = &mut self.visibility[at];
                     *v = match frame.settings.overlap {
-                        Overlap::Add => seen.clamp(0.0, 1.0),
+                        // All is one object.
+                        Overlap::Add => seen,
                         Overlap::Multiply => *v * seen,
                         Overlap::Minimum => v.min(seen),
                     };
@@ -376,6 +298,44 @@ impl Frame<'_> {
         let pixel = self.receivers.index[receiver];
         let (x, y) = (pixel % self.width, pixel / self.width);
         ((y - tile.y) * TILE + (x - tile.x)) as usize
+    }
+}
+
+/// Receivers of a group, those of a full one in quarters of 4×4 pixels: each then makes a box of its own.
+fn quarters(range: std::ops::Range<usize>, out: &mut Vec<usize>) {
+    out.clear();
+    if range.len() < GROUP {
+        out.extend(range);
+        return;
+    }
+    let place = |i: usize| {
+        let (quarter, within) = (i / LANES, i % LANES);
+        (quarter / 2 * 4 + within / 4) * 8 + quarter % 2 * 4 + within % 4
+    };
+    out.extend((0..GROUP).map(|i| range.start + place(i)));
+}
+
+impl Cast {
+    /// Adds what the wedges `ids` do to up to sixteen receivers.
+    fn cover(
+        &self,
+        ids: &[u32],
+        points: &[DVec3],
+        block: &mut Block,
+        steps: f32,
+        out: &mut [Row; 2],
+    ) {
+        if ids.is_empty() {
+            return;
+        }
+        match &self.interior {
+            Interior::None => {}
+            Interior::Area(frame, edges) => {
+                block.set(frame, points);
+                area::cover(frame, edges, ids, block, steps, out);
+            }
+            Interior::Planes(wedges) => interpolate::cover(wedges, ids, points, steps, out),
+        }
     }
 }
 

@@ -82,21 +82,23 @@ impl Casters {
         &self.geometry
     }
 
-    /// All triangles that cast, with their object (0 unless `objects`).
-    pub fn faces(&self, objects: bool) -> Vec<(u32, u32)> {
-        let mut out = Vec::new();
-        for mesh in self.ranges() {
-            let range = mesh.first_face..mesh.first_face + mesh.faces;
-            let object = |f: u32| match objects {
-                true => {
-                    let corner = self.geometry.faces[f as usize][0] - mesh.first_vertex;
-                    mesh.first_vertex + mesh.mesh.components()[corner as usize]
-                }
-                false => 0,
-            };
-            out.extend(range.map(|f| (f, object(f))));
+    /// All triangles that cast.
+    pub fn faces(&self) -> impl ParallelIterator<Item = u32> {
+        let ranges: Vec<_> = self
+            .ranges()
+            .map(|m| m.first_face..m.first_face + m.faces)
+            .collect();
+        ranges.into_par_iter().flatten()
+    }
+
+    /// The object of a triangle: 0 unless `objects`.
+    pub fn object_of(&self, face: u32, objects: bool) -> u32 {
+        if !objects {
+            return 0;
         }
-        out
+        let mesh = self.geometry.mesh_of(face);
+        let corner = self.geometry.faces[face as usize][0] - mesh.first_vertex;
+        mesh.first_vertex + mesh.mesh.components()[corner as usize]
     }
 
     /// The silhouette edges that `center` sees.

@@ -20,6 +20,7 @@
 //! continuous but wrong.
 
 pub mod area;
+pub mod bounds;
 pub mod buffer;
 pub mod contour;
 pub mod interpolate;
@@ -40,8 +41,9 @@ use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use crate::raster::rasterize_projected;
 use crate::receivers::Receivers;
-use area::AreaEdge;
-use buffer::{Bounds, Frame, Interior, TileBuffer};
+use area::{AreaEdge, LightFrame};
+use bounds::{Bounds, BoundsList};
+use buffer::{Frame, Groups, Interior, TileBuffer};
 use contour::{Casters, Edge};
 use planes::{Construction, Wedge};
 use tangent::tangents;
@@ -142,26 +144,16 @@ impl Method for Wedges {
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
-        let steps = 255 / lights.len().clamp(1, 255) as u32;
-        let settings = Settings {
-            soft: Some((self.falloff, self.construction)),
-            overlap: self.overlap,
-            buffer: if self.integer {
-                Buffer::Integer { steps }
-            } else {
-                Buffer::Float
-            },
-            counting: self.counting,
-            cull: self.cull,
-        };
-        PreparedWedges::new(
+        let settings = self.settings(lights.len());
+        let prepared = PreparedWedges::new(
             self.name(),
             geometry,
             lights,
             self.opaque,
             settings,
             control,
-        )
+        )?;
+        Ok(Box::new(prepared))
     }
 }
 
@@ -183,14 +175,15 @@ impl Method for ShadowVolume {
             counting: self.counting,
             cull: self.cull,
         };
-        PreparedWedges::new(
+        let prepared = PreparedWedges::new(
             self.name(),
             geometry,
             lights,
             self.opaque,
             settings,
             control,
-        )
+        )?;
+        Ok(Box::new(prepared))
     }
 }
 
@@ -202,7 +195,7 @@ struct Cast {
     /// Quads that stand for one edge.
     fan: usize,
     interior: Interior,
-    bounds: Vec<Bounds>,
+    bounds: BoundsList,
     objects: Vec<u32>,
 }
 
@@ -260,7 +253,7 @@ impl Cast {
             quads: Vec::new(),
             fan: 1,
             interior: Interior::None,
-            bounds: Vec::new(),
+            bounds: BoundsList::default(),
             objects: Vec::new(),
         };
         match soft {
@@ -271,10 +264,12 @@ impl Cast {
             Some((Falloff::Light, _)) => {
                 let quads = hard();
                 let pairs = edges.par_iter().zip(&quads);
+                let bounds: Vec<Bounds> =
+                    edges.par_iter().map(|e| bounds_of_edge(e, light)).collect();
                 let kernel = pairs.map(|(e, q)| AreaEdge::new(e, light, q.normal, q.offset));
                 Cast {
-                    interior: Interior::Area(kernel.collect()),
-                    bounds: edges.par_iter().map(|e| bounds_of_edge(e, light)).collect(),
+                    interior: Interior::Area(LightFrame::new(light), kernel.collect()),
+                    bounds: BoundsList::new(&bounds),
                     objects: edges.iter().map(|e| e.object).collect(),
                     quads,
                     ..none
@@ -282,12 +277,13 @@ impl Cast {
             }
             Some((Falloff::Planes(falloff), construction)) => {
                 let wedges = planes::wedges(edges, light, construction);
+                let bounds: Vec<Bounds> = wedges.par_iter().map(Bounds::of_wedge).collect();
                 let kernel = wedges
                     .par_iter()
                     .map(|w| interpolate::Wedge::new(w, light, falloff));
                 Cast {
                     interior: Interior::Planes(kernel.collect()),
-                    bounds: wedges.par_iter().map(Bounds::of_wedge).collect(),
+                    bounds: BoundsList::new(&bounds),
                     objects: objects(&wedges),
                     quads: wedges.iter().map(Wedge::front_quad).collect(),
                     ..none
@@ -313,15 +309,14 @@ impl Cast {
     fn bytes(&self) -> usize {
         let interior = match &self.interior {
             Interior::None => 0,
-            Interior::Area(edges) => size_of_val(&edges[..]),
+            Interior::Area(_, edges) => size_of_val(&edges[..]),
             Interior::Planes(wedges) => size_of_val(&wedges[..]),
         };
-        interior + size_of_val(&self.quads[..]) + size_of_val(&self.bounds[..])
+        interior + size_of_val(&self.quads[..]) + self.bounds.bytes()
     }
 }
 
 impl PreparedWedges {
-    #[allow(clippy::new_ret_no_self, reason = "a method's product")]
     fn new(
         method: &'static str,
         geometry: Arc<Geometry>,
@@ -329,7 +324,7 @@ impl PreparedWedges {
         opaque: bool,
         settings: Settings,
         control: &Control,
-    ) -> Result<Box<dyn Prepared>> {
+    ) -> Result<Self> {
         let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(method, geometry, opaque)?;
         let mut clock = Instant::now();
@@ -357,18 +352,25 @@ impl PreparedWedges {
             ("silhouettes", silhouettes),
             ("wedges", lap()),
         ];
-        Ok(Box::new(PreparedWedges {
+        Ok(PreparedWedges {
             method,
             casters,
             casts,
             settings,
             seconds,
-        }))
+        })
     }
 }
 
-impl Prepared for PreparedWedges {
-    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+impl PreparedWedges {
+    /// Fills the light-intensity buffer of one light.
+    fn fill(
+        &self,
+        receivers: &Receivers,
+        light: usize,
+        keep: bool,
+        control: &Control,
+    ) -> Result<Groups> {
         let cast = &self.casts[light];
         let Some(camera) = &receivers.camera else {
             let reason = "it needs a camera".into();
@@ -377,18 +379,16 @@ impl Prepared for PreparedWedges {
                 reason,
             });
         };
-        let center = cast.light.center();
-        let (counting, objects) = (self.settings.counting, self.settings.objects());
         let drawing = volume::draw(
             &self.casters,
             &cast.quads,
-            center,
+            cast.light.center(),
             camera,
-            counting,
-            objects,
+            self.settings.counting,
+            self.settings.objects(),
             cast.fan as i32,
         );
-        let frame = Frame::new(cast, &drawing, receivers, camera, &self.settings);
+        let frame = Frame::new(cast, &drawing, receivers, camera, &self.settings, keep);
         // Receivers are counted once a group, as by every method; tiles need no steps of their own.
         let silent = Control::default();
         let tiles = rasterize_projected(
@@ -400,7 +400,7 @@ impl Prepared for PreparedWedges {
             &silent,
             |tile| TileBuffer::new(&frame, tile),
         )?;
-        let parts: Vec<Vec<(u32, Vec<f32>)>> = tiles
+        let parts: Vec<Groups> = tiles
             .into_par_iter()
             .map(|(_, buffer)| {
                 let groups = buffer.finish();
@@ -408,8 +408,64 @@ impl Prepared for PreparedWedges {
                 Ok(groups)
             })
             .collect::<Result<_>>()?;
+        Ok(parts.into_iter().flatten().collect())
+    }
+}
+
+impl Wedges {
+    /// The light-intensity buffer before it is clamped: for every receiver of a camera, the layers that
+    /// cover the light, front and back, all objects added.
+    ///
+    /// # Errors
+    /// As of [`Method::prepare`] and [`Prepared::shade`].
+    pub fn cover(
+        self,
+        geometry: Arc<Geometry>,
+        light: &Light,
+        receivers: &Receivers,
+        control: &Control,
+    ) -> Result<Vec<[f32; 2]>> {
+        let settings = Settings {
+            overlap: Overlap::Add,
+            ..self.settings(1)
+        };
+        let lights = std::slice::from_ref(light);
+        let prepared = PreparedWedges::new(
+            self.name(),
+            geometry,
+            lights,
+            self.opaque,
+            settings,
+            control,
+        )?;
+        let mut out = vec![[0.0; 2]; receivers.len()];
+        for (group, _, cover) in prepared.fill(receivers, 0, true, control)? {
+            let first = receivers.groups[group as usize] as usize;
+            out[first..first + cover.len()].copy_from_slice(&cover);
+        }
+        Ok(out)
+    }
+
+    fn settings(&self, lights: usize) -> Settings {
+        let steps = 255 / lights.clamp(1, 255) as u32;
+        Settings {
+            soft: Some((self.falloff, self.construction)),
+            overlap: self.overlap,
+            buffer: if self.integer {
+                Buffer::Integer { steps }
+            } else {
+                Buffer::Float
+            },
+            counting: self.counting,
+            cull: self.cull,
+        }
+    }
+}
+
+impl Prepared for PreparedWedges {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let mut visibility = vec![1.0; receivers.len()];
-        for (group, values) in parts.into_iter().flatten() {
+        for (group, values, _) in self.fill(receivers, light, false, control)? {
             let first = receivers.groups[group as usize] as usize;
             visibility[first..first + values.len()].copy_from_slice(&values);
         }

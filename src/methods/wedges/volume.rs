@@ -254,7 +254,8 @@ impl Caps {
             };
             drawing.add(camera, corners, surface);
         };
-        for (face, object) in casters.faces(objects) {
+        for face in casters.faces().collect::<Vec<_>>() {
+            let object = casters.object_of(face, objects);
             let corners = geometry.corners(face).map(|v| v.as_dvec3());
             let side = side_of(corners, center);
             let seen = side_of(corners, camera.eye);
@@ -311,17 +312,22 @@ fn layers_over(
     // Where the segment is seen as a point, a triangle that it crosses surrounds that point; the margin is
     // far above the rounding of coordinates within 2 and far below a triangle's size.
     let margin = 1e-12 * (4.0 + eye.length() + center.length());
+    let seen: Vec<[f64; 2]> = geometry
+        .positions
+        .par_iter()
+        .map(|p| [u, v].map(|w| w.dot(p.as_dvec3() - eye)))
+        .collect();
     let mut found: Vec<Start> = casters
-        .faces(objects)
-        .into_par_iter()
-        .filter_map(|(face, object)| {
+        .faces()
+        .filter(|&face| {
+            let corners = geometry.faces[face as usize].map(|v| seen[v as usize]);
+            (0..2).all(|axis| {
+                let d = corners.map(|c| c[axis]);
+                d.iter().any(|d| *d <= margin) && d.iter().any(|d| *d >= -margin)
+            })
+        })
+        .filter_map(|face| {
             let corners = geometry.corners(face).map(|p| p.as_dvec3());
-            for w in [u, v] {
-                let d = corners.map(|p| w.dot(p - eye));
-                if d.iter().all(|d| *d > margin) || d.iter().all(|d| *d < -margin) {
-                    return None;
-                }
-            }
             let [side, other] = [center, eye].map(|p| side_of(corners, p));
             if side == 0 || side == other {
                 return None;
@@ -334,7 +340,7 @@ fn layers_over(
             });
             let (front, back) = if side > 0 { (1, 0) } else { (0, 1) };
             around.then_some(Start {
-                object,
+                object: casters.object_of(face, objects),
                 front,
                 back,
             })

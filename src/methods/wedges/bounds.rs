@@ -1,0 +1,235 @@
+//! Which receivers a wedge can reach: boxes of receivers against the planes around wedges, sixteen wedges at
+//! a time.
+
+use std::ops::Range;
+
+use glam::{DVec3, Vec3};
+
+use super::planes;
+use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+
+/// Coordinates within 2 and unit normals: distances are wrong by a few ulps of 4 at most.
+const SLACK: f32 = 16.0 * f32::EPSILON;
+
+/// Four planes that bound the receivers whose light an edge can cut: a receiver is outside where one of
+/// `n · p - offset` is positive.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds {
+    normal: [Vec3; 4],
+    offset: [f32; 4],
+    /// The last two are side planes that may cross: only what is inside or outside of both alike is in.
+    crossing: bool,
+}
+
+impl Bounds {
+    /// From unit normals and points on the planes; `None` bounds nothing.
+    pub fn new(planes: [Option<(DVec3, DVec3)>; 4]) -> Self {
+        let mut out = Bounds {
+            normal: [Vec3::ZERO; 4],
+            offset: [SLACK; 4],
+            crossing: false,
+        };
+        for (i, plane) in planes.into_iter().enumerate() {
+            let Some((n, p)) = plane else { continue };
+            out.normal[i] = n.as_vec3();
+            out.offset[i] = n.dot(p) as f32 + SLACK;
+        }
+        out
+    }
+
+    /// Of a wedge between planes.
+    pub fn of_wedge(wedge: &planes::Wedge) -> Self {
+        let plane = |n: DVec3, p: &planes::Plane| Some((n, p.offset * p.normal));
+        let [start, end] = &wedge.sides;
+        let mut out = Bounds::new([
+            plane(wedge.front.normal, &wedge.front),
+            plane(-wedge.back.normal, &wedge.back),
+            plane(-start.normal, start),
+            plane(end.normal, end),
+        ]);
+        out.crossing = true;
+        out
+    }
+}
+
+/// A box around receivers.
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    /// Its middle.
+    pub center: Vec3,
+    /// From the middle to its faces.
+    pub half: Vec3,
+}
+
+impl Extent {
+    /// Around points.
+    pub fn of(points: impl Iterator<Item = DVec3>) -> Self {
+        let (low, high) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| {
+            (l.min(p), h.max(p))
+        });
+        let center = (0.5 * (low + high)).as_vec3();
+        // Rounded to `f32`, the middle moves by half an ulp; coordinates are within 2.
+        let half = (0.5 * (high - low)).as_vec3() + Vec3::splat(2.0 * f32::EPSILON);
+        Extent { center, half }
+    }
+}
+
+/// The bounds of sixteen wedges.
+#[derive(Debug, Clone, Default)]
+struct Sixteen {
+    normal: [[Row; 3]; 4],
+    offset: [Row; 4],
+}
+
+/// Bounds of many wedges, each with its number.
+#[derive(Debug, Clone, Default)]
+pub struct BoundsList {
+    ids: Vec<u32>,
+    rows: Vec<Sixteen>,
+    crossing: bool,
+}
+
+impl BoundsList {
+    /// All bounds, numbered in order; all of one kind of wedge.
+    pub fn new(all: &[Bounds]) -> Self {
+        let mut out = BoundsList::default();
+        for (i, b) in all.iter().enumerate() {
+            let lane = out.next(i as u32);
+            out.crossing = b.crossing;
+            let row = out.rows.last_mut().expect("made by `next`");
+            for plane in 0..4 {
+                for axis in 0..3 {
+                    row.normal[plane][axis].0[lane] = b.normal[plane][axis];
+                }
+                row.offset[plane].0[lane] = b.offset[plane];
+            }
+        }
+        out
+    }
+
+    fn next(&mut self, id: u32) -> usize {
+        let lane = self.ids.len() % LANES;
+        if lane == 0 {
+            self.rows.push(Sixteen::default());
+        }
+        self.ids.push(id);
+        lane
+    }
+
+    /// Numbers of the wedges.
+    pub fn ids(&self) -> &[u32] {
+        &self.ids
+    }
+
+    /// Bytes taken.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.rows[..]) + size_of_val(&self.ids[..])
+    }
+
+    /// Keeps those of another list, from place `range.start` to `range.end`, that a box meets, or all.
+    pub fn keep(&mut self, of: &BoundsList, range: Range<usize>, extent: Option<&Extent>) {
+        self.ids.clear();
+        self.rows.clear();
+        self.crossing = of.crossing;
+        of.each(range, extent, &mut |place| {
+            let lane = self.next(of.ids[place]);
+            let (from, to) = (
+                &of.rows[place / LANES],
+                self.rows.last_mut().expect("made by `next`"),
+            );
+            for plane in 0..4 {
+                for axis in 0..3 {
+                    to.normal[plane][axis].0[lane] = from.normal[plane][axis].0[place % LANES];
+                }
+                to.offset[plane].0[lane] = from.offset[plane].0[place % LANES];
+            }
+        });
+    }
+
+    /// Lists the numbers of the wedges that a box meets, or of all.
+    pub fn list(&self, extent: Option<&Extent>, out: &mut Vec<u32>) {
+        out.clear();
+        self.each(0..self.ids.len(), extent, &mut |place| {
+            out.push(self.ids[place])
+        });
+    }
+
+    fn each(&self, range: Range<usize>, extent: Option<&Extent>, found: &mut dyn FnMut(usize)) {
+        if range.is_empty() {
+            return;
+        }
+        for block in range.start / LANES..range.end.div_ceil(LANES) {
+            let mut mask = extent.map_or(u16::MAX, |e| meets(&self.rows[block], self.crossing, e));
+            while mask != 0 {
+                let place = block * LANES + mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                if range.contains(&place) {
+                    found(place);
+                }
+            }
+        }
+    }
+}
+
+fn meets(row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
+    dispatch!(detect() => meets_lanes(row: &Sixteen, crossing: bool, extent: &Extent) -> u16)
+}
+
+#[inline(always)]
+unsafe fn meets_lanes<S: Lanes>(row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
+    // SAFETY: the caller enabled the features of `S`; so for all calls below.
+    unsafe {
+        let (c, h) = (extent.center.to_array(), extent.half.to_array());
+        let zero = S::splat(0.0);
+        // Per plane, wedges on whose inner side the box is in part, and on whose outer side.
+        let (mut inner, mut outer) = ([0u16; 4], [0u16; 4]);
+        for plane in 0..4 {
+            let mut middle = zero.sub(S::load(&row.offset[plane]));
+            let mut reach = S::splat(0.0);
+            for axis in 0..3 {
+                let n = S::load(&row.normal[plane][axis]);
+                middle = middle.add(n.mul(S::splat(c[axis])));
+                reach = reach.add(n.abs().mul(S::splat(h[axis])));
+            }
+            inner[plane] = middle.sub(reach).le(zero);
+            outer[plane] = S::splat(-2.0 * SLACK).le(middle.add(reach));
+        }
+        let sides = inner[2] & inner[3];
+        let sides = if crossing {
+            sides | (outer[2] & outer[3])
+        } else {
+            sides
+        };
+        inner[0] & inner[1] & sides
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_on_the_inner_side_of_all_planes_are_met() {
+        // A slab 0 <= x <= 1, 0 <= y <= 1, numbered 20 so that two rows are needed.
+        let slab = |shift: f64| {
+            let at = |x: f64| DVec3::splat(x);
+            Bounds::new([
+                Some((-DVec3::X, at(shift))),
+                Some((DVec3::X, at(1.0 + shift))),
+                Some((-DVec3::Y, at(0.0))),
+                Some((DVec3::Y, at(1.0))),
+            ])
+        };
+        let all: Vec<Bounds> = (0..20).map(|i| slab(f64::from(i))).collect();
+        let list = BoundsList::new(&all);
+        let extent = Extent::of([DVec3::new(1.5, 0.5, 0.0), DVec3::new(3.5, 0.6, 0.0)].into_iter());
+        let (mut found, mut kept) = (Vec::new(), BoundsList::default());
+        list.list(Some(&extent), &mut found);
+        assert_eq!(found, [1, 2, 3]);
+        kept.keep(&list, 2..20, Some(&extent));
+        assert_eq!(kept.ids(), [2, 3]);
+        let above = Extent::of([DVec3::new(1.5, 1.5, 0.0)].into_iter());
+        kept.list(Some(&above), &mut found);
+        assert!(found.is_empty());
+    }
+}
