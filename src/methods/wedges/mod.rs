@@ -294,7 +294,7 @@ impl Cast {
                 let part = |k: usize| (k as f64 + 0.5) / count as f64;
                 let mut quads: Vec<Quad> = wedges
                     .par_iter()
-                    .flat_map_iter(|w| (0..count).map(move |k| w.quad(part(k))))
+                    .flat_map_iter(|w| (0..count).map(move |k| w.quad(part(k), center)))
                     .collect();
                 quads.par_sort_by_key(|q| q.object);
                 Cast {

@@ -72,8 +72,8 @@ pub struct Wedge {
     pub across: [DVec3; 2],
     /// Unit directions, away from the light, in which the front planes of neighbours meet.
     pub front_rays: [DVec3; 2],
-    /// And the back planes.
-    pub back_rays: [DVec3; 2],
+    /// Front and back planes' normals of the wedges before and after.
+    pub beside: [Tangents; 2],
     /// Front and back layers that it bounds.
     pub layers: [i32; 2],
     /// Its object.
@@ -213,7 +213,7 @@ fn around_loop(
             sides: [start.plane, end.plane],
             across: [start.across, end.across],
             front_rays: [start.front, end.front],
-            back_rays: [start.back, end.back],
+            beside: [links[(i + n - 1) % n].limits, links[(i + 1) % n].limits],
             layers,
             object,
         });
@@ -268,7 +268,6 @@ struct Shared {
     plane: Plane,
     across: DVec3,
     front: DVec3,
-    back: DVec3,
 }
 
 /// Below this sine of the angle between two planes their line is taken from the light's central ray, which
@@ -298,7 +297,6 @@ impl Shared {
             plane: Plane::through(v, normal),
             across: across.normalize_or(a.outside),
             front,
-            back,
         }
     }
 }
@@ -319,14 +317,18 @@ fn meeting(m: DVec3, n: DVec3, from_light: DVec3) -> DVec3 {
 }
 
 impl Wedge {
-    /// A quad through the wedge's edge between its front plane (`part` 0) and its back plane (1). Its sides
-    /// lie between the shared rays, so that it meets its neighbours' quads of the same part.
-    pub fn quad(&self, part: f64) -> Quad {
-        let normal = self.front.normal.lerp(self.back.normal, part).normalize();
+    /// A quad through the wedge's edge between its front plane (`part` 0) and its back plane (1); it shares
+    /// the lines in which it meets its neighbours' quads of the same part.
+    pub fn quad(&self, part: f64, center: DVec3) -> Quad {
+        let between = |front: DVec3, back: DVec3| front.lerp(back, part).normalize();
+        let normal = between(self.front.normal, self.back.normal);
         let ray = |end: usize| {
-            self.front_rays[end]
-                .lerp(self.back_rays[end], part)
-                .normalize()
+            let other = self.beside[end];
+            meeting(
+                normal,
+                between(other.front, other.back),
+                self.ends[end] - center,
+            )
         };
         Quad {
             ends: self.ends,
