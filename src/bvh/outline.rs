@@ -20,26 +20,28 @@ use crate::light::Light;
 use crate::sampling::POINT_OFFSET;
 use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 
-/// Marks an edge that counts as a silhouette edge from everywhere.
-const ALWAYS: u32 = u32::MAX;
-
-/// An edge and its two triangles.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Edge {
-    /// Its ends; not vertex indices, which would be two more places to look for a candidate.
-    ends: [Vec3; 2],
-    /// Triangles in leaf order; [`ALWAYS`] where there are not exactly two proper ones.
-    triangles: [u32; 2],
-}
-
 /// An edge with the normals of its two triangles; zero normals where there are not two proper ones, so
 /// that every point is within doubt of their planes.
+///
+/// Vectors, not indices of vertices and triangles, which would be four more places to look for a candidate.
 #[derive(Debug, Clone, Copy)]
 pub struct EdgePlanes {
     /// Its ends.
     pub ends: [Vec3; 2],
     /// Unit normals, both to the same side of the surface.
     pub normals: [Vec3; 2],
+}
+
+impl EdgePlanes {
+    /// The cone of its normals.
+    fn cone(&self) -> Cone {
+        let [one, two] = self.normals;
+        if one == Vec3::ZERO {
+            return Cone::ALL;
+        }
+        let around = |axis: Vec3| Cone { axis, cos: 1.0 };
+        around(one).union(around(two))
+    }
 }
 
 /// All normals lie within an angle of an axis; `cos` below -1 is every direction.
@@ -95,9 +97,7 @@ impl Cone {
 /// The edges of a triangle hierarchy in the order of its leaves, with a cone of normals a node.
 #[derive(Debug, Clone)]
 pub struct Outline {
-    edges: Vec<Edge>,
-    /// Unit normals of the triangles in leaf order, zero where they have no area.
-    normals: Vec<Vec3>,
+    edges: Vec<EdgePlanes>,
     /// First edge of every triangle in leaf order, and the end.
     first: Vec<u32>,
     cones: Vec<Option<Cone>>,
@@ -110,13 +110,14 @@ impl Outline {
         for (k, &f) in bvh.faces.iter().enumerate() {
             place[f as usize] = k as u32;
         }
+        // In leaf order, zero where a triangle has no area.
         let normals: Vec<Vec3> = bvh
             .faces
             .par_iter()
             .map(|&f| normal(geometry.corners(f)))
             .collect();
         // Edges of every mesh that casts, each at the first of its triangles in leaf order.
-        let mut owned: Vec<(u32, Edge)> = Vec::new();
+        let mut owned: Vec<(u32, EdgePlanes)> = Vec::new();
         for mesh in &geometry.meshes {
             if place[mesh.first_face as usize] == u32::MAX {
                 continue;
@@ -126,21 +127,18 @@ impl Outline {
                 let at = adjacency.incident(e);
                 let leaf = |i: usize| place[(at[i].face + mesh.first_face) as usize];
                 let owner = (0..at.len()).map(leaf).min().unwrap_or(u32::MAX);
-                let proper = at.len() == 2
-                    && at[0].forward != at[1].forward
-                    && (0..2).all(|i| normals[leaf(i) as usize] != Vec3::ZERO);
-                let triangles = if proper {
-                    [leaf(0), leaf(1)]
+                let pair = at.len() == 2 && at[0].forward != at[1].forward;
+                let both = if pair {
+                    [0, 1].map(|i| normals[leaf(i) as usize])
                 } else {
-                    [ALWAYS; 2]
+                    [Vec3::ZERO; 2]
                 };
-                (
-                    owner,
-                    Edge {
-                        ends: ends.map(|v| geometry.positions[(v + mesh.first_vertex) as usize]),
-                        triangles,
-                    },
-                )
+                let proper = both[0] != Vec3::ZERO && both[1] != Vec3::ZERO;
+                let edge = EdgePlanes {
+                    ends: ends.map(|v| geometry.positions[(v + mesh.first_vertex) as usize]),
+                    normals: if proper { both } else { [Vec3::ZERO; 2] },
+                };
+                (owner, edge)
             });
             owned.par_extend(found);
         }
@@ -153,10 +151,9 @@ impl Outline {
         for k in 0..bvh.faces.len() {
             first[k + 1] += first[k];
         }
-        let edges: Vec<Edge> = owned.into_par_iter().map(|(_, edge)| edge).collect();
+        let edges: Vec<EdgePlanes> = owned.into_par_iter().map(|(_, edge)| edge).collect();
         let mut outline = Outline {
             edges,
-            normals,
             first,
             cones: Vec::new(),
         };
@@ -169,8 +166,8 @@ impl Outline {
         let mut cones: Vec<Option<Cone>> = nodes
             .par_iter()
             .map(|node| {
-                let range = self.range(node);
-                range.map(|e| self.edge_cone(e)).reduce(Cone::union)
+                let edges = self.edges_of(node).iter();
+                edges.map(EdgePlanes::cone).reduce(Cone::union)
             })
             .collect();
         for i in (0..nodes.len()).rev() {
@@ -185,39 +182,12 @@ impl Outline {
     }
 
     /// Edges of a leaf; nothing for an inner node.
-    fn range(&self, node: &Node) -> std::ops::Range<usize> {
-        let first = self.first[(node.first as usize).min(self.first.len() - 1)] as usize;
+    fn edges_of(&self, node: &Node) -> &[EdgePlanes] {
         if node.count == 0 {
-            return first..first;
+            return &[];
         }
-        first..self.first[(node.first + node.count) as usize] as usize
-    }
-
-    fn edge_cone(&self, edge: usize) -> Cone {
-        let [one, two] = self.edges[edge].triangles;
-        if one == ALWAYS {
-            return Cone::ALL;
-        }
-        let cone = |t: u32| Cone {
-            axis: self.normals[t as usize],
-            cos: 1.0,
-        };
-        cone(one).union(cone(two))
-    }
-
-    fn planes(&self, edge: usize) -> EdgePlanes {
-        let Edge { ends, triangles } = self.edges[edge];
-        let normal = |t: u32| {
-            if t == ALWAYS {
-                Vec3::ZERO
-            } else {
-                self.normals[t as usize]
-            }
-        };
-        EdgePlanes {
-            ends,
-            normals: triangles.map(normal),
-        }
+        let [first, end] = [node.first, node.first + node.count].map(|t| self.first[t as usize]);
+        &self.edges[first as usize..end as usize]
     }
 
     /// Adds to `out` the edges in the shaft that can be silhouette edges for one of its receivers.
@@ -238,8 +208,7 @@ impl Outline {
 
     /// Bytes of edges and cones.
     pub fn bytes(&self) -> usize {
-        self.edges.len() * size_of::<Edge>()
-            + self.normals.len() * size_of::<Vec3>()
+        self.edges.len() * size_of::<EdgePlanes>()
             + self.first.len() * 4
             + self.cones.len() * size_of::<Option<Cone>>()
     }
@@ -272,14 +241,13 @@ unsafe fn candidates_lanes<S: Lanes>(
             stack.extend([node.first, i + 1]);
             continue;
         }
-        for e in outline.range(node) {
-            let edge = outline.planes(e);
+        for edge in outline.edges_of(node) {
             // SAFETY: the caller enabled the features of `S`.
-            if unsafe { shaft.sees_edge::<S>(&edge) } {
+            if unsafe { shaft.sees_edge::<S>(edge) } {
                 if out.len() == limit {
                     return false;
                 }
-                out.push(edge);
+                out.push(*edge);
             }
         }
     }
