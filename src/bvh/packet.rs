@@ -103,17 +103,21 @@ unsafe fn all_axes<S: Lanes>(
         let along_x = !along_z & y.le(x);
         let along_y = !along_z & !along_x;
         let mut out = 0;
-        for (axis, group) in [(2, along_z), (0, along_x), (1, along_y)] {
-            if group & active != 0 {
-                out |= traverse::<S>(bvh, packet, axis, group & active, stack);
-            }
+        if along_z & active != 0 {
+            out |= traverse::<S, 2>(bvh, packet, along_z & active, stack);
+        }
+        if along_x & active != 0 {
+            out |= traverse::<S, 0>(bvh, packet, along_x & active, stack);
+        }
+        if along_y & active != 0 {
+            out |= traverse::<S, 1>(bvh, packet, along_y & active, stack);
         }
         out
     }
 }
 
-/// What the box and triangle tests need of the segments.
-struct Rays<S> {
+/// What the box and triangle tests need of segments whose longest axis is this one.
+struct Rays<S, const AXIS: usize> {
     /// Origins moved down and up by the box slack.
     low: [S; 3],
     high: [S; 3],
@@ -122,21 +126,24 @@ struct Rays<S> {
     origin: [S; 3],
     shear: [S; 2],
     length: S,
-    /// Axes in cyclic order, the longest last.
-    axes: [usize; 3],
+}
+
+impl<S, const AXIS: usize> Rays<S, AXIS> {
+    /// Axes in cyclic order, the longest last. Constant, since choosing a coordinate while running would cost
+    /// the triangle test more than its arithmetic.
+    const AXES: [usize; 3] = [(AXIS + 1) % 3, (AXIS + 2) % 3, AXIS];
 }
 
 #[inline(always)]
-unsafe fn traverse<S: Lanes>(
+unsafe fn traverse<S: Lanes, const AXIS: usize>(
     bvh: &TriangleBvh,
     packet: &Packet,
-    axis: usize,
     mut active: u16,
     stack: &mut Stack,
 ) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
-        let rays = prepare::<S>(packet, axis, active);
+        let rays = prepare::<S, AXIS>(packet, active);
         let nodes = &bvh.tree.nodes[..];
         let mut found = 0;
         stack.clear();
@@ -207,10 +214,10 @@ unsafe fn inverse<S: Lanes>(packet: &Packet, axis: usize) -> S {
 }
 
 #[inline(always)]
-unsafe fn prepare<S: Lanes>(packet: &Packet, axis: usize, active: u16) -> Rays<S> {
+unsafe fn prepare<S: Lanes, const AXIS: usize>(packet: &Packet, active: u16) -> Rays<S, AXIS> {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
-        let axes = [(axis + 1) % 3, (axis + 2) % 3, axis];
+        let axes = Rays::<S, AXIS>::AXES;
         let mut largest = 1.0f32;
         for row in &packet.origin {
             for (lane, x) in row.0.iter().enumerate() {
@@ -226,7 +233,7 @@ unsafe fn prepare<S: Lanes>(packet: &Packet, axis: usize, active: u16) -> Rays<S
         let x = S::load(&packet.origin[0]);
         let y = S::load(&packet.origin[1]);
         let z = S::load(&packet.origin[2]);
-        let length = along::<S>(packet, axis);
+        let length = along::<S>(packet, AXIS);
         Rays {
             low: [x.sub(slack), y.sub(slack), z.sub(slack)],
             high: [x.add(slack), y.add(slack), z.add(slack)],
@@ -241,15 +248,14 @@ unsafe fn prepare<S: Lanes>(packet: &Packet, axis: usize, active: u16) -> Rays<S
                 along::<S>(packet, axes[1]).div(length),
             ],
             length,
-            axes,
         }
     }
 }
 
 /// A vertex from the segments' origins, sheared so that they run along z.
 #[inline(always)]
-unsafe fn shear<S: Lanes>(rays: &Rays<S>, v: &Vec3) -> (S, S, S) {
-    let [kx, ky, kz] = rays.axes;
+unsafe fn shear<S: Lanes, const AXIS: usize>(rays: &Rays<S, AXIS>, v: &Vec3) -> (S, S, S) {
+    let [kx, ky, kz] = Rays::<S, AXIS>::AXES;
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let z = S::splat(v[kz]).sub(rays.origin[2]);
@@ -272,7 +278,7 @@ unsafe fn largest<S: Lanes>(a: S, b: S, c: S) -> S {
 
 /// Segments that may enter the box.
 #[inline(always)]
-unsafe fn enter<S: Lanes>(node: &Node, rays: &Rays<S>) -> u16 {
+unsafe fn enter<S: Lanes, const AXIS: usize>(node: &Node, rays: &Rays<S, AXIS>) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let (mut near, mut far) = (S::splat(0.0), S::splat(1.0));
@@ -288,10 +294,10 @@ unsafe fn enter<S: Lanes>(node: &Node, rays: &Rays<S>) -> u16 {
 
 /// Segments of `active` that the triangle blocks.
 #[inline(always)]
-unsafe fn triangle<S: Lanes>(
+unsafe fn triangle<S: Lanes, const AXIS: usize>(
     corners: &[Vec3; 3],
     packet: &Packet,
-    rays: &Rays<S>,
+    rays: &Rays<S, AXIS>,
     active: u16,
 ) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
