@@ -5,62 +5,51 @@ The models are not part of softshadow; they come with packages that ``pip instal
 
 - the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
 - Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
+
+The figures of the papers (`softshadow.figures`) are built from scratch.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from softshadow.camera import Camera
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.figures import (
+    acute_triangle,
+    growing_light,
+    landscape,
+    overlapping_boards,
+    two_cylinders,
+    two_lights,
+)
+from softshadow.light import RectLight
 from softshadow.scene import Scene
+from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
 __all__ = [
     "Setup",
+    "acute_triangle",
     "bunny_on_plane",
     "city",
     "city_path",
     "closed_solids",
+    "growing_light",
     "half_plane",
+    "landscape",
+    "overlapping_boards",
     "stanford_bunny_path",
     "tilted_sheet",
+    "two_cylinders",
+    "two_lights",
 ]
 
-LightKind: TypeAlias = Literal["rect", "disk", "sphere"]
-"""The light's shape."""
-
 _PACKAGES = {"pymeshfix": "pymeshfix==0.18.1", "sionna": "sionna-rt==2.2.0"}
-
-_PLANE_ALBEDO = (0.7, 0.7, 0.7)
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What is needed to render.
-
-    Attributes
-    ----------
-    scene : Scene
-    camera : Camera
-    light : RectLight, DiskLight or SphereLight
-    visibility : callable, optional
-        Where a closed form is known: from world positions, shape (..., 3), on the receiving plane
-        to visibility, shape (...), float64.
-    """
-
-    scene: Scene
-    camera: Camera
-    light: Light
-    visibility: Callable[[npt.ArrayLike], npt.NDArray[np.float64]] | None = None
 
 
 def _package_folder(package: str) -> Path | None:
@@ -97,35 +86,6 @@ def city_path(name: str = "munich") -> Path | None:
     return path if path is not None and path.is_dir() else None
 
 
-def _light(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.ArrayLike) -> Light:
-    """Return a light of width `size` at `center` that faces `aim`.
-
-    Its radiance makes a white surface at `aim` that faces it reflect a radiance of about 1.
-    """
-    c = np.asarray(center, dtype=np.float64)
-    n = np.asarray(aim, dtype=np.float64) - c
-    distance = float(np.linalg.norm(n))
-    n /= distance
-    area = size**2 if kind == "rect" else math.pi * size**2 / 4
-    radiance = math.pi * distance**2 / area
-    if kind == "sphere":
-        return SphereLight(c, size / 2, radiance)
-    if kind == "disk":
-        return DiskLight(c, n, size / 2, radiance)
-    if kind == "rect":
-        u = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
-        u *= size / np.linalg.norm(u)
-        return RectLight(c, u, np.cross(n, u), radiance)
-    raise ValueError(f"light: expected 'rect', 'disk' or 'sphere', got {kind!r}")
-
-
-def _square(half: float, z: float = 0.0) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Return a square with edge ``2 · half`` around the z axis, facing up."""
-    h = half
-    vertices = np.array([[-h, -h, z], [h, -h, z], [h, h, z], [-h, h, z]])
-    return vertices, np.array([[0, 1, 2], [0, 2, 3]])
-
-
 def bunny_on_plane(
     width: int = 512, height: int = 512, light: LightKind = "rect", light_size: float = 0.5
 ) -> Setup:
@@ -158,10 +118,10 @@ def bunny_on_plane(
     middle = 0.5 * (low + high)
     vertices = (np.asarray(mesh.vertices) - [middle[0], middle[1], low[2]]) * scale
     scene = Scene()
-    scene.add(_square(2.5), name="ground", albedo=_PLANE_ALBEDO)
+    scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
     scene.add((vertices, mesh.faces), name="bunny", albedo=(0.8, 0.75, 0.65))
     camera = Camera((0.4, -3.0, 1.8), (-0.15, 0.1, 0.35), (0, 0, 1), 36.0, width, height)
-    return Setup(scene, camera, _light(light, (0.9, -0.6, 2.0), light_size, (0, 0, 0.3)))
+    return Setup(scene, camera, light_towards(light, (0.9, -0.6, 2.0), light_size, (0, 0, 0.3)))
 
 
 def city(
@@ -206,7 +166,7 @@ def city(
     scene = Scene()
     scene.add((vertices, mesh.faces), name=name, albedo=(0.7, 0.68, 0.65))
     camera = Camera((0.1, -1.15, 0.75), (0.0, -0.1, 0.0), (0, 0, 1), 36.0, width, height)
-    return Setup(scene, camera, _light(light, (-0.9, 0.2, 0.9), light_size, (0, -0.1, 0)))
+    return Setup(scene, camera, light_towards(light, (-0.9, 0.2, 0.9), light_size, (0, -0.1, 0)))
 
 
 def closed_solids(
@@ -249,21 +209,22 @@ def closed_solids(
         "small ball": (make.icosphere(detail, 0.15), (-0.2, -0.55), (0.8, 0.8, 0.3)),
     }
     scene = Scene()
-    scene.add(_square(2.5), name="ground", albedo=_PLANE_ALBEDO)
+    scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
     for name, (mesh, (x, y), albedo) in solids.items():
         mesh.apply_translation((x, y, -mesh.bounds[0, 2]))
         scene.add(mesh, name=name, albedo=albedo, opacity=opacity)
     camera = Camera((0.2, -2.9, 2.2), (0.0, 0.0, 0.15), (0, 0, 1), 38.0, width, height)
-    return Setup(scene, camera, _light(light, (-0.7, -0.5, 2.0), light_size, (0, 0, 0)))
+    return Setup(scene, camera, light_towards(light, (-0.7, -0.5, 2.0), light_size, (0, 0, 0)))
 
 
 def half_plane(
     width: int = 256,
     height: int = 256,
-    light: Literal["rect", "sphere"] = "rect",
+    light: LightKind = "rect",
     light_size: float = 0.4,
     light_height: float = 1.0,
     blocker_height: float = 0.5,
+    turn_deg: float = 0.0,
 ) -> Setup:
     """Return a half-plane blocker between a light and a receiving plane, with its closed form.
 
@@ -273,8 +234,11 @@ def half_plane(
     blocker.
 
     From a receiver at ``x`` the blocker's edge is seen at ``(1 - k) x`` in the light's plane, with
-    ``k = light_height / blocker_height``. So of a square with edge ``a``, facing down, the fraction
-    ``clip(1/2 + (k - 1) x / a, 0, 1)`` is visible, whatever ``y``. A sphere that subtends the
+    ``k = light_height / blocker_height``, whatever ``y``: a flat light that faces down is visible
+    beyond that line. Of a square with edge ``a`` that is the fraction
+    ``clip(1/2 + (k - 1) x / a, 0, 1)``; turned about the z axis, the square's width across the line
+    is the sum of two uniform distributions. Of a disk with radius ``r`` it is
+    ``(acos t - t sqrt(1 - t²)) / π`` with ``t = (1 - k) x / r``. A sphere that subtends the
     half-angle ``α`` is cut by the plane through the receiver and the blocker's edge; with ``δ`` the
     angle between that plane and the sphere's centre (positive on the open side),
 
@@ -286,12 +250,14 @@ def half_plane(
     ----------
     width, height : int
         Image size in pixels.
-    light : {"rect", "sphere"}
+    light : {"rect", "disk", "sphere"}
         Shape of the light.
     light_size : float
-        The square's edge or the sphere's diameter, world units.
+        The square's edge or the diameter, world units.
     light_height, blocker_height : float
         Over the receiver, world units; the light is wholly above the blocker.
+    turn_deg : float
+        Of the square about the z axis; at 0 its edges are parallel to the axes.
 
     Returns
     -------
@@ -303,8 +269,6 @@ def half_plane(
     ValueError
         If the heights are not in order, or the light is of another shape.
     """
-    if light not in ("rect", "sphere"):
-        raise ValueError(f"light: expected 'rect' or 'sphere', got {light!r}")
     clearance = light_size / 2 if light == "sphere" else 0.0
     if not 0 < blocker_height < light_height - clearance:
         raise ValueError(
@@ -313,27 +277,58 @@ def half_plane(
         )
     reach = 4.0 * light_height + 4.0
     scene = Scene()
-    scene.add(_square(2 * reach), name="receiver", albedo=_PLANE_ALBEDO)
-    vertices, faces = _square(reach, blocker_height)
+    scene.add(square(2 * reach), name="receiver", albedo=PLANE_ALBEDO)
+    vertices, faces = square(reach, blocker_height)
     scene.add((vertices - [reach, 0, 0], faces), name="blocker", albedo=0.5)
     h = blocker_height
     camera = Camera((0, -1.8 * h, 0.85 * h), (0, -0.6 * h, 0), (0, 0, 1), 45.0, width, height)
-    source = _light(light, (0, 0, light_height), light_size, (0, 0, 0))
-    if light == "rect":
-        slope = (light_height / blocker_height - 1) / light_size
+    source = light_towards(light, (0, 0, light_height), light_size, (0, 0, 0))
+    turn = math.radians(turn_deg)
+    if isinstance(source, RectLight):
+        c, s = math.cos(turn), math.sin(turn)
+        turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        source = RectLight(
+            source.center,
+            turned @ np.asarray(source.edge_u),
+            turned @ np.asarray(source.edge_v),
+            source.radiance,
+        )
 
-        def rectangle(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-            x = np.asarray(points, dtype=np.float64)[..., 0]
-            result: npt.NDArray[np.float64] = np.clip(0.5 + slope * x, 0.0, 1.0)
-            return result
-
-        return Setup(scene, camera, source, rectangle)
-
-    def sphere(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def visibility(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
         p = np.asarray(points, dtype=np.float64)
+        beyond = (light_height / blocker_height - 1) * p[..., 0]
+        if light == "rect":
+            return _square_beyond_line(beyond / light_size, turn)
+        if light == "disk":
+            return _disk_beyond_line(2 * beyond / light_size)
         return _half_hidden_sphere(p, light_height, light_size / 2, blocker_height)
 
-    return Setup(scene, camera, source, sphere)
+    return Setup(scene, camera, source, visibility)
+
+
+def _square_beyond_line(offset: npt.NDArray[np.float64], turn: float) -> npt.NDArray[np.float64]:
+    """Return how much of a unit square is left of a line `offset` to the right of its centre."""
+    long, short = sorted((abs(math.cos(turn)), abs(math.sin(turn))), reverse=True)
+    if short < 1e-9:
+        straight: npt.NDArray[np.float64] = np.clip(0.5 + offset / long, 0.0, 1.0)
+        return straight
+
+    # The distribution of the sum of two uniform numbers, of widths `long` and `short`.
+    def ramp(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        result: npt.NDArray[np.float64] = np.maximum(x, 0.0) ** 2
+        return result
+
+    t = offset + 0.5 * (long + short)
+    beyond = ramp(t) - ramp(t - short) - ramp(t - long) + ramp(t - long - short)
+    result: npt.NDArray[np.float64] = np.clip(beyond / (2 * long * short), 0.0, 1.0)
+    return result
+
+
+def _disk_beyond_line(offset: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return how much of the unit disk is left of a line `offset` to the right of its centre."""
+    t = np.clip(-offset, -1.0, 1.0)
+    result: npt.NDArray[np.float64] = (np.arccos(t) - t * np.sqrt(1 - t * t)) / np.pi
+    return result
 
 
 def _half_hidden_sphere(
@@ -387,15 +382,15 @@ def tilted_sheet(
         With `visibility`.
     """
     scene = Scene()
-    scene.add(_square(2.0), name="receiver", albedo=_PLANE_ALBEDO)
-    vertices, faces = _square(1.6)
+    scene.add(square(2.0), name="receiver", albedo=PLANE_ALBEDO)
+    vertices, faces = square(1.6)
     for i in range(sheets):
         tilt = trimesh.transformations.rotation_matrix(math.radians(20 + 5 * i), (0.6, 0.8, 0))
         name = scene.add((vertices, faces), name=f"sheet {i}", albedo=0.5, opacity=opacity)
         tilt[2, 3] = 1.0 + 0.2 * i
         scene.set_transform(name, tilt)
     camera = Camera((0.0, -1.3, 0.35), (0.0, 0.0, 0.0), (0, 0, 1), 40.0, width, height)
-    top = _light(light, (0.0, 0.0, 3.0 + 0.2 * sheets), light_size, (0, 0, 0))
+    top = light_towards(light, (0.0, 0.0, 3.0 + 0.2 * sheets), light_size, (0, 0, 0))
 
     def transmitted(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
         shape = np.asarray(points, dtype=np.float64).shape[:-1]
