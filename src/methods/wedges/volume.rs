@@ -1,9 +1,9 @@
 //! Shadow volumes: how many layers lie between a light and what the camera sees (Akenine-Möller and
 //! Assarsson 2002, Section 3), counted where view rays cross the volumes' surfaces.
 //!
-//! A volume's sides are quads that start at silhouette edges and reach away from the light. They are made
-//! so long that nothing in the scene, and not the eye, is as far, and go through the one rasteriser, whose
-//! rule at shared edges makes each view ray cross each surface exactly once. Whether a crossing lies before
+//! A volume's sides are quads that start at silhouette edges and reach away from the light to infinity,
+//! however wide the angle in which the light sees an edge. They go through the one rasteriser, whose rule
+//! at shared edges makes each view ray cross each surface exactly once. Whether a crossing lies before
 //! a receiver is the side of the quad's plane that the receiver is on, decided by one number, the same that
 //! decides what a wedge does there: depths are never compared.
 //!
@@ -142,8 +142,6 @@ pub fn draw(
         Counting::ZPass if quads.par_iter().any(touches) => Counting::ZFail,
         other => other,
     };
-    // Every receiver is within 2 of the origin, and so is what casts; the eye and the light may be farther.
-    let reach = 16.0 * (4.0 + eye.length() + center.length());
     let mut drawing = Drawing {
         points: Vec::with_capacity(6 * quads.len()),
         bounds: Vec::with_capacity(6 * quads.len()),
@@ -160,11 +158,15 @@ pub fn draw(
             Counting::ZPass => (1 - 2 * i32::from(eye_behind), !eye_behind),
             Counting::ZFail => (2 * i32::from(eye_behind) - 1, eye_behind),
         };
-        let far = [a + reach * quad.rays[0], b + reach * quad.rays[1]];
-        for corners in [[a, b, far[1]], [a, far[1], far[0]]] {
+        let [ray_a, ray_b] = quad.rays;
+        let far = quad.rays.map(|ray| at_infinity(ray, eye));
+        let halves = [
+            ([a, b, far[1]], (b - a).cross(ray_b)),
+            ([a, far[1], far[0]], ray_b.cross(ray_a)),
+        ];
+        for (corners, normal) in halves {
             // Where the rays cross, the part beyond is turned over and counts the other way.
-            let [p, q, r] = corners;
-            let turned = (q - p).cross(r - p).dot(quad.normal) > 0.0;
+            let turned = normal.dot(quad.normal) > 0.0;
             let sign = if turned { -sign } else { sign };
             let surface = Surface {
                 normal: quad.normal,
@@ -181,11 +183,7 @@ pub fn draw(
     match counting {
         Counting::ZPass => drawing.start = layers_over(casters, quads, center, eye, objects),
         Counting::ZFail => {
-            let caps = Caps {
-                center,
-                reach,
-                copies,
-            };
+            let caps = Caps { center, copies };
             caps.draw(casters, quads, camera, objects, &mut drawing);
             // Tiles want each object's surfaces together.
             drawing.surfaces_by_object();
@@ -213,6 +211,12 @@ impl Drawing {
     }
 }
 
+/// Where the eye sees the point at infinity along a ray: for the rasteriser, which looks at points in
+/// homogeneous coordinates about the eye, it is that point.
+fn at_infinity(ray: DVec3, eye: DVec3) -> DVec3 {
+    eye + ray
+}
+
 /// Six times the volume of a tetrahedron; positive where its first three corners run clockwise as `d`
 /// sees them.
 fn volume(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> f64 {
@@ -222,7 +226,6 @@ fn volume(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> f64 {
 /// What closes the volumes: triangles, their copies at the far end, and what the quads' rays leave between.
 struct Caps {
     center: DVec3,
-    reach: f64,
     copies: i32,
 }
 
@@ -235,13 +238,9 @@ impl Caps {
         objects: bool,
         drawing: &mut Drawing,
     ) {
-        let &Caps {
-            center,
-            reach,
-            copies,
-        } = self;
+        let &Caps { center, copies } = self;
         let geometry = casters.geometry();
-        let far = |p: DVec3| p + reach * (p - center).normalize_or_zero();
+        let far = |p: DVec3| at_infinity((p - center).normalize_or_zero(), camera.eye);
         let mut add = |corners: [DVec3; 3], layers: [i32; 2], object: u32| {
             let surface = Surface {
                 normal: DVec3::ZERO,
@@ -272,13 +271,13 @@ impl Caps {
             // Going away from the eye, a ray enters through the near cap where the eye is on the light's
             // side; what is found behind the receiver is not over it.
             add(corners, layers(if seen == side { -1 } else { 1 }), object);
-            // The eye is always inside the far end.
+            // The eye is always before the far end.
             add(corners.map(far), layers(1), object);
         }
         for quad in quads {
             let [a, b] = quad.ends;
             let [fa, fb] = [far(a), far(b)];
-            let [ga, gb] = [a + reach * quad.rays[0], b + reach * quad.rays[1]];
+            let [ga, gb] = quad.rays.map(|ray| at_infinity(ray, camera.eye));
             for [p, q, r] in [[ga, gb, fb], [ga, fb, fa]] {
                 let sign = match volume(p, q, r, camera.eye) {
                     v if v < 0.0 => 1,
