@@ -63,7 +63,8 @@ def light_towards(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.
     distance = float(np.linalg.norm(n))
     n /= distance
     area = size**2 if kind == "rect" else math.pi * size**2 / 4
-    radiance = math.pi * distance**2 / area
+    # A light without area has no irradiance at any radiance.
+    radiance = math.pi * distance**2 / area if area > 0 else 1.0
     if kind == "sphere":
         return SphereLight(c, size / 2, radiance)
     if kind == "disk":
