@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn an_open_sheet_shows_its_boundary_and_opposite_windings_from_its_two_sides() {
-        let p = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        let p = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let f = vec![[0, 1, 2]];
         let adjacency = Adjacency::new(&f);
         let above = silhouette_edges(|v| p[v as usize], &f, &adjacency, DVec3::Z);

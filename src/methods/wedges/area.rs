@@ -258,7 +258,8 @@ struct Line<S> {
 unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge) -> Option<Line<S>> {
     // SAFETY: the caller enabled the features of `S`; so for all calls below.
     unsafe {
-        let (mut a, mut e) = ([Row::default(); 3], [0.0f32; 3]);
+        let mut a = [Row::default(); 3];
+        let e: [f32; 3] = std::array::from_fn(|i| (edge.ends[1][i] - edge.ends[0][i]) as f32);
         let mut side = Row::default();
         let [x, y, z] = &block.position;
         for i in 0..LANES {
@@ -270,9 +271,6 @@ unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge) -> Option<Line
             let n = &edge.normal;
             let value = n[0] * x[i] + n[1] * y[i] + n[2] * z[i] - edge.offset;
             side.0[i] = if value < 0.0 { -1.0 } else { 1.0 };
-        }
-        for axis in 0..3 {
-            e[axis] = (edge.ends[1][axis] - edge.ends[0][axis]) as f32;
         }
         let (ax, ay, az) = (S::load(&a[0]), S::load(&a[1]), S::load(&a[2]));
         let (ex, ey, ez) = (S::splat(e[0]), S::splat(e[1]), S::splat(e[2]));
@@ -415,7 +413,7 @@ pub(super) unsafe fn angle<S: Lanes>(sin: S, cos: S) -> S {
             0.042_909_614,
             -0.075_289_64,
             0.106_562_64,
-            -0.142_088_99,
+            -0.142_089,
             0.199_935_51,
             -0.333_331_45,
             1.0,
