@@ -23,6 +23,7 @@ pub struct Adjacency {
     edges: Vec<[u32; 2]>,
     first: Vec<u32>,
     incident: Vec<Incident>,
+    pairs: Vec<[u32; 2]>,
 }
 
 impl Adjacency {
@@ -59,10 +60,19 @@ impl Adjacency {
             });
         }
         first.push(halves.len() as u32);
+        let none = faces.len() as u32;
+        let pairs = first
+            .windows(2)
+            .map(|ends| match &incident[ends[0] as usize..ends[1] as usize] {
+                [a, b] if a.forward != b.forward => [a.face, b.face],
+                _ => [none, none + 1],
+            })
+            .collect();
         Adjacency {
             edges,
             first,
             incident,
+            pairs,
         }
     }
 
@@ -92,6 +102,15 @@ impl Adjacency {
     /// Faces at an edge.
     pub fn incident(&self, edge: usize) -> &[Incident] {
         &self.incident[self.first[edge] as usize..self.first[edge + 1] as usize]
+    }
+
+    /// For every edge with two faces that run through it in opposite directions these two; for every other
+    /// edge the number of faces and the number after it.
+    ///
+    /// So whoever gives each face a value, and these two beyond the last face two different ones, need not
+    /// look at an edge any closer if its pair have equal values.
+    pub fn pairs(&self) -> &[[u32; 2]] {
+        &self.pairs
     }
 }
 
@@ -123,6 +142,7 @@ mod tests {
             };
             assert_ne!(a.forward, b.forward, "edge {e} is wound consistently");
             assert_ne!(a.opposite, b.opposite);
+            assert_eq!(adjacency.pairs()[e], [a.face, b.face]);
         }
         assert_eq!((boundary(&adjacency), non_manifold(&adjacency)), (0, 0));
     }
@@ -133,5 +153,13 @@ mod tests {
         assert_eq!(adjacency.edges().len(), 7);
         assert_eq!(adjacency.incident(0).len(), 3);
         assert_eq!((boundary(&adjacency), non_manifold(&adjacency)), (6, 1));
+        assert_eq!(adjacency.pairs(), &[[4, 5]; 7]);
+    }
+
+    #[test]
+    fn two_faces_that_run_through_an_edge_in_one_direction_are_no_pair() {
+        let adjacency = Adjacency::new(&[[0, 1, 2], [0, 1, 3]]);
+        assert_eq!(adjacency.incident(0).len(), 2);
+        assert_eq!(adjacency.pairs()[0], [2, 3]);
     }
 }

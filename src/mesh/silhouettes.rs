@@ -8,20 +8,24 @@
 //! as seen from the point looking along the edge from its first to its second vertex: `front` layers
 //! that face the point and `back` layers that face away. Both are balanced at every vertex.
 //!
-//! Sides are decided exactly: a floating-point filter first, `robust::orient3d` where it cannot tell; a
-//! face that the point sees edge-on covers nothing and has no side, so that its other edges take over its
-//! part of the outline.
+//! Sides are decided exactly: a floating-point filter first, for many faces at a time, `robust::orient3d`
+//! where it cannot tell; a face that the point sees edge-on covers nothing and has no side, so that its other
+//! edges take over its part of the outline.
 
 use glam::DVec3;
 use rayon::prelude::*;
 use robust::{Coord3D, orient3d};
 
 use super::adjacency::Adjacency;
+use crate::simd::{Lanes, detect, dispatch};
 
-/// Faces or edges that one task looks at: enough to outweigh a task.
-const CHUNK: usize = 4096;
+/// Faces or edges that one task looks at: enough to outweigh a task, and a multiple of [`BLOCK`].
+const CHUNK: usize = 8192;
 
-/// Shewchuk's error bound of the determinant in [`side_of`], relative to its permanent.
+/// Faces or edges that are looked at together.
+const BLOCK: usize = 64;
+
+/// Shewchuk's error bound of the determinant in [`filtered`], relative to its permanent.
 const FILTER: f64 = (7.0 + 56.0 * HALF_ULP) * HALF_ULP;
 
 /// Half an ulp of 1.
@@ -49,7 +53,17 @@ impl SilhouetteEdge {
 /// them), -1 behind, 0 in its plane; exact.
 #[inline]
 pub fn side_of(corners: [DVec3; 3], point: DVec3) -> i8 {
-    let [a, b, c] = corners.map(|v| v - point);
+    match filtered(corners, point) {
+        0 => exact_side_of(corners, point),
+        side => side,
+    }
+}
+
+/// As [`side_of`], but 0 wherever rounding may have decided.
+#[inline(always)]
+fn filtered(corners: [DVec3; 3], point: DVec3) -> i8 {
+    let [a, b, c] = corners;
+    let (a, b, c) = (a - point, b - point, c - point);
     let (bc, ca, ab) = (
         [b.x * c.y, c.x * b.y],
         [c.x * a.y, a.x * c.y],
@@ -60,15 +74,56 @@ pub fn side_of(corners: [DVec3; 3], point: DVec3) -> i8 {
         + (ca[0].abs() + ca[1].abs()) * b.z.abs()
         + (ab[0].abs() + ab[1].abs()) * c.z.abs();
     let bound = FILTER * permanent;
-    if det > bound {
-        return -1;
-    }
-    if det < -bound {
-        return 1;
-    }
+    i8::from(det < -bound) - i8::from(det > bound)
+}
+
+#[cold]
+fn exact_side_of(corners: [DVec3; 3], point: DVec3) -> i8 {
     let [a, b, c] = corners.map(coord);
     let exact = orient3d(a, b, c, coord(point));
     i8::from(exact < 0.0) - i8::from(exact > 0.0)
+}
+
+/// Corners of faces: coordinate `k` of corner `c` of all of them in `[c][k]`.
+type Corners = [[[f64; BLOCK]; 3]; 3];
+
+/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
+#[allow(clippy::extra_unused_type_parameters)]
+#[inline(always)]
+unsafe fn filter_lanes<S: Lanes>(corners: &Corners, point: DVec3, side: &mut [i8; BLOCK]) {
+    for (i, side) in side.iter_mut().enumerate() {
+        let [a, b, c] = corners;
+        *side = filtered([corner(a, i), corner(b, i), corner(c, i)], point);
+    }
+}
+
+#[inline(always)]
+fn corner([x, y, z]: &[[f64; BLOCK]; 3], i: usize) -> DVec3 {
+    DVec3::new(x[i], y[i], z[i])
+}
+
+/// Which side of each face a point is on, as [`side_of`] says.
+fn sides(position: impl Fn(u32) -> DVec3, faces: &[[u32; 3]], point: DVec3, side: &mut [i8]) {
+    let level = detect();
+    let mut corners: Corners = [[[0.0; BLOCK]; 3]; 3];
+    for (faces, side) in faces.chunks(BLOCK).zip(side.chunks_mut(BLOCK)) {
+        // No block is longer: `take` says so to the compiler, which then leaves out checks of `i`.
+        for (i, f) in faces.iter().enumerate().take(BLOCK) {
+            for (corner, &v) in corners.iter_mut().zip(f) {
+                let p = position(v);
+                (corner[0][i], corner[1][i], corner[2][i]) = (p.x, p.y, p.z);
+            }
+        }
+        let mut found = [0; BLOCK];
+        let (of, into) = (&corners, &mut found);
+        dispatch!(level => filter_lanes(of: &Corners, point: DVec3, into: &mut [i8; BLOCK]));
+        side.copy_from_slice(&found[..faces.len()]);
+        for (side, f) in side.iter_mut().zip(faces) {
+            if *side == 0 {
+                *side = exact_side_of(f.map(&position), point);
+            }
+        }
+    }
 }
 
 /// Finds the silhouette edges that `viewpoint` sees, in the order of the edges.
@@ -78,39 +133,31 @@ pub fn silhouette_edges(
     adjacency: &Adjacency,
     viewpoint: DVec3,
 ) -> Vec<SilhouetteEdge> {
-    let mut side = vec![0i8; faces.len()];
-    side.par_chunks_mut(CHUNK)
+    let mut side = vec![0i8; faces.len() + 2];
+    // Edges that are no pair of faces have these two, unlike any face's.
+    side[faces.len()..].copy_from_slice(&[2, 3]);
+    side[..faces.len()]
+        .par_chunks_mut(CHUNK)
         .zip(faces.par_chunks(CHUNK))
-        .for_each(|(side, faces)| {
-            for (side, f) in side.iter_mut().zip(faces) {
-                *side = side_of(f.map(&position), viewpoint);
-            }
-        });
-    let edges = adjacency.edges().len();
-    let parts: Vec<Vec<SilhouetteEdge>> = (0..edges.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(edges);
-            range
-                .filter_map(|edge| edge_of_outline(adjacency, &side, edge))
+        .for_each(|(side, faces)| sides(&position, faces, viewpoint, side));
+    let parts: Vec<Vec<SilhouetteEdge>> = adjacency
+        .pairs()
+        .par_chunks(CHUNK)
+        .enumerate()
+        .map(|(chunk, pairs)| {
+            let edges = (chunk * CHUNK..).zip(pairs);
+            edges
+                .filter(|(_, [a, b])| side[*a as usize] != side[*b as usize])
+                .filter_map(|(edge, _)| edge_of_outline(adjacency, &side, edge))
                 .collect()
         })
         .collect();
     parts.concat()
 }
 
-#[inline]
 fn edge_of_outline(adjacency: &Adjacency, side: &[i8], edge: usize) -> Option<SilhouetteEdge> {
-    let incident = adjacency.incident(edge);
-    if let [a, b] = incident {
-        // By far the most edges: two faces on different sides of the edge cancel.
-        let (s, t) = (side[a.face as usize], side[b.face as usize]);
-        if s == t && a.forward != b.forward {
-            return None;
-        }
-    }
     let (mut front, mut back) = (0, 0);
-    for i in incident {
+    for i in adjacency.incident(edge) {
         // A front face that runs forward through the edge lies on its left, a back face on its right.
         let left = if i.forward { 1 } else { -1 };
         match side[i.face as usize] {
@@ -179,6 +226,7 @@ fn coord(p: DVec3) -> Coord3D<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn cube() -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let corner = |i: u32| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64);
@@ -242,5 +290,82 @@ mod tests {
             below.iter().map(|s| s.winding()).collect::<Vec<_>>(),
             vec![-1, 1, -1]
         );
+    }
+
+    /// What [`silhouette_edges`] says, edge by edge and with nothing but the exact predicate.
+    fn plainly(p: &[DVec3], faces: &[[u32; 3]], viewpoint: DVec3) -> Vec<SilhouetteEdge> {
+        let adjacency = Adjacency::new(faces);
+        let of_edge = |edge: usize| {
+            let (mut front, mut back) = (0, 0);
+            for i in adjacency.incident(edge) {
+                let [a, b, c] = faces[i.face as usize].map(|v| coord(p[v as usize]));
+                let volume = orient3d(a, b, c, coord(viewpoint));
+                let left = if i.forward { 1 } else { -1 };
+                front += if volume < 0.0 { left } else { 0 };
+                back -= if volume > 0.0 { left } else { 0 };
+            }
+            let edge = edge as u32;
+            SilhouetteEdge { edge, front, back }
+        };
+        (0..adjacency.edges().len())
+            .map(of_edge)
+            .filter(|s| (s.front, s.back) != (0, 0))
+            .collect()
+    }
+
+    fn check(p: &[DVec3], faces: &[[u32; 3]], viewpoint: DVec3) {
+        let adjacency = Adjacency::new(faces);
+        let found = silhouette_edges(|v| p[v as usize], faces, &adjacency, viewpoint);
+        assert_eq!(found, plainly(p, faces, viewpoint));
+    }
+
+    proptest! {
+        /// Few vertices make duplicate, degenerate and non-manifold faces; on a grid, the viewpoint lies
+        /// in many of their planes.
+        #[test]
+        fn edges_are_those_of_the_plain_definition(
+            grid in prop::collection::vec(prop::array::uniform3(-2i8..=2), 3..30),
+            faces in prop::collection::vec(prop::array::uniform3(0u32..30), 1..200),
+            viewpoint in prop::array::uniform3(-3i8..=3),
+        ) {
+            let p: Vec<DVec3> = grid.iter().map(|v| DVec3::from(v.map(f64::from))).collect();
+            let n = p.len() as u32;
+            let faces: Vec<_> = faces.iter().map(|f| f.map(|v| v % n)).collect();
+            check(&p, &faces, DVec3::from(viewpoint.map(f64::from)));
+        }
+
+        /// Viewpoints within rounding of a face's plane, where only the exact predicate can tell.
+        #[test]
+        fn edges_are_exact_near_planes(
+            p in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), 4..12),
+            faces in prop::collection::vec(prop::array::uniform3(0u32..12), 1..100),
+            [s, t] in prop::array::uniform2(-2.0..2.0f64),
+        ) {
+            let p: Vec<DVec3> = p.into_iter().map(DVec3::from).collect();
+            let n = p.len() as u32;
+            let faces: Vec<_> = faces.iter().map(|f| f.map(|v| v % n)).collect();
+            let [a, b, c] = faces[0].map(|v| p[v as usize]);
+            check(&p, &faces, a + s * (b - a) + t * (c - a));
+        }
+    }
+
+    #[test]
+    fn many_tasks_find_the_edges_of_one_in_their_order() {
+        // A wavy sheet of several chunks of faces and edges, its last ones no whole block.
+        let n = 99;
+        let at = |i: u32| {
+            let (x, y) = (f64::from(i % n) / 50.0, f64::from(i / n) / 50.0);
+            DVec3::new(x, y, (9.0 * x).sin() * (7.0 * y).cos())
+        };
+        let p: Vec<DVec3> = (0..n * n).map(at).collect();
+        let corners = (0..n * (n - 1)).filter(|i| i % n < n - 1);
+        let faces: Vec<_> = corners
+            .flat_map(|i| [[i, i + 1, i + n], [i + 1, i + n + 1, i + n]])
+            .collect();
+        assert!(faces.len() > 2 * CHUNK && faces.len() % BLOCK != 0);
+        // The second lies in the planes of faces.
+        for viewpoint in [DVec3::new(3.0, 4.0, 0.4), p[n as usize * 40 + 40]] {
+            check(&p, &faces, viewpoint);
+        }
     }
 }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::geometry::{Geometry, MeshRange};
-use crate::mesh::silhouettes::silhouette_edges;
+use crate::mesh::silhouettes::{SilhouetteEdge, silhouette_edges};
 
 /// A silhouette edge.
 ///
@@ -106,13 +106,13 @@ impl Casters {
     /// Layers that a mesh has k times everywhere (duplicate faces) are counted once. With `objects`,
     /// every connected part of a mesh is an object of its own; otherwise there is one.
     pub fn silhouettes(&self, center: DVec3, objects: bool) -> Vec<Edge> {
-        let positions = &self.geometry.positions;
         let mut out = Vec::new();
         for mesh in self.ranges() {
-            let position = |v: u32| positions[(v + mesh.first_vertex) as usize].as_dvec3();
+            let positions = &self.geometry.positions[mesh.first_vertex as usize..];
+            let position = |v: u32| positions[v as usize].as_dvec3();
             let adjacency = mesh.mesh.adjacency();
             let found = silhouette_edges(position, mesh.mesh.faces(), adjacency, center);
-            let every = found.iter().fold(0, |g, s| gcd(gcd(g, s.front), s.back));
+            let every = layers_in_common(&found);
             let start = out.len();
             out.extend(found.iter().map(|s| {
                 let [mut a, mut b] = adjacency.edges()[s.edge as usize];
@@ -138,6 +138,19 @@ impl Casters {
         }
         out
     }
+}
+
+/// The greatest number that divides the layers of all edges.
+fn layers_in_common(edges: &[SilhouetteEdge]) -> i32 {
+    let mut common = 0;
+    for edge in edges {
+        common = gcd(gcd(common, edge.front), edge.back);
+        // Nothing smaller comes, and a mesh without duplicate faces gets here at once.
+        if common == 1 {
+            break;
+        }
+    }
+    common
 }
 
 fn gcd(a: i32, b: i32) -> i32 {

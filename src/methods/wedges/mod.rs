@@ -336,8 +336,9 @@ impl PreparedWedges {
         casters.connect(settings.objects());
         let adjacency = lap();
         control.check()?;
+        // In parallel even for one light: what follows then stays with the workers, without a wake-up a step.
         let contours: Vec<Vec<Edge>> = lights
-            .iter()
+            .par_iter()
             .map(|l| casters.silhouettes(l.center(), settings.objects()))
             .collect();
         let silhouettes = lap();
