@@ -345,6 +345,7 @@ BAD = _moved(1, (NAN, 0, 0))
         (["no faces"], lambda scene: ss.kernels.rasterize(V, np.zeros((0, 3), int), CAMERA)),
         (["no faces"], lambda scene: ss.kernels.rasterize(V, [], CAMERA)),
         (["viewpoint", "finite"], lambda scene: ss.kernels.silhouette_edges(V, F, (0, 0, NAN))),
+        (["viewpoint", "finite"], lambda scene: ss.kernels.silhouette_loops(V, F, (0, 0, INF))),
         (["origins", "point 1"], lambda scene: ss.kernels.transmittance(scene, BAD, V)),
         (["targets", "point 1"], lambda scene: ss.kernels.transmittance(scene, V, BAD)),
         (["targets", "4", "3"], lambda scene: ss.kernels.transmittance(scene, V, V[:3])),

@@ -27,6 +27,7 @@ __all__ = [
     "mesh_edges",
     "rasterize",
     "silhouette_edges",
+    "silhouette_loops",
     "transmittance",
     "unshadowed_irradiance",
     "wedges",
@@ -102,7 +103,8 @@ def silhouette_edges(
         Vertex pairs, the lower index first.
     windings : ndarray, shape (S,), int32
         Layers of occlusion on the left of the edge less those on its right, as the point sees it
-        looking along the edge; never 0. At every vertex as much enters as leaves.
+        looking along the edge; 0 where layers that face the point and layers that face away cancel,
+        as between two faces wound against each other. At every vertex as much enters as leaves.
 
     Raises
     ------
@@ -113,6 +115,41 @@ def silhouette_edges(
         _points(vertices, "vertices"), _faces(faces), as_vector(viewpoint, "viewpoint")
     )
     return edges, windings
+
+
+def silhouette_loops(
+    vertices: npt.ArrayLike, faces: npt.ArrayLike, viewpoint: Vector
+) -> list[_Ints]:
+    """Order the silhouette edges that a point sees into closed loops.
+
+    A loop bounds one layer of occlusion, which lies on its left as the point sees it; an edge that
+    bounds n layers is in n loops. Layers that face the point and layers that face away have loops
+    of their own, unless every edge bounds the same layers of both: then, as for a closed body, a
+    loop stands for one of each. Where several edges leave a vertex, a loop takes the one that turns
+    most to the left, so that loops touch and do not cross.
+
+    Parameters
+    ----------
+    vertices, faces
+        As in `mesh_edges`.
+    viewpoint : array_like, shape (3,)
+        Usually a light's centre.
+
+    Returns
+    -------
+    list of ndarray, shape (n,), int32
+        The vertices of each loop, the first not repeated; of joined vertices the lowest index is
+        used. Empty if nothing is seen other than edge-on.
+
+    Raises
+    ------
+    ValueError
+        If the mesh is invalid, as in `Scene.add`.
+    """
+    loops: list[_Ints] = _kernels.silhouette_loops(
+        _points(vertices, "vertices"), _faces(faces), as_vector(viewpoint, "viewpoint")
+    )
+    return loops
 
 
 def rasterize(

@@ -2,7 +2,7 @@
 //!
 //! - this file: [`TriMesh`], what every mesh is checked for, and which vertices are one;
 //! - [`adjacency`]: edges with all the triangles at them, manifold or not;
-//! - [`silhouettes`]: the edges that bound what a point sees as the mesh's outline.
+//! - [`silhouettes`]: the edges that bound what a point sees as the mesh's outline, and their loops.
 
 pub mod adjacency;
 pub mod silhouettes;

@@ -173,13 +173,63 @@ fn edge_of_outline(adjacency: &Adjacency, side: &[i8], edge: usize) -> Option<Si
     })
 }
 
-/// Orders directed edges into closed loops: each edge is used once, and each loop's edges follow each
-/// other head to tail.
+/// A closed loop of silhouette edges around one layer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Loop {
+    /// The vertices that it runs through, the first not repeated; what the layer occludes is on its left as
+    /// seen from the viewpoint.
+    pub vertices: Vec<u32>,
+    /// Front and back layers that it bounds: one of either, or one of both.
+    pub layers: [i32; 2],
+}
+
+/// Orders silhouette edges into loops.
+///
+/// `edges` are vertices with the front and the back layers on the left less those on the right. Where an
+/// edge bounds n layers of a kind it is in n loops; front and back layers have loops of their own, unless
+/// every edge bounds the same layers of both.
+pub fn loops(
+    edges: &[([u32; 2], [i32; 2])],
+    position: impl Fn(u32) -> DVec3,
+    viewpoint: DVec3,
+) -> Vec<Loop> {
+    let kinds: &[[i32; 2]] = match edges.iter().all(|(_, [front, back])| front == back) {
+        true => &[[1, 1]],
+        false => &[[1, 0], [0, 1]],
+    };
+    let mut out = Vec::new();
+    for &layers in kinds {
+        let mut directed = Vec::with_capacity(edges.len());
+        for &([a, b], [front, back]) in edges {
+            let n = if layers[0] == 1 { front } else { back };
+            let edge = if n > 0 { [a, b] } else { [b, a] };
+            directed.extend(std::iter::repeat_n(edge, n.unsigned_abs() as usize));
+        }
+        let turn = |from, via, to| {
+            let v = position(via);
+            turn_at(viewpoint, v, v - position(from), position(to) - v)
+        };
+        let paths = paths(&directed, turn);
+        out.extend(paths.into_iter().map(|vertices| Loop { vertices, layers }));
+    }
+    out
+}
+
+/// Angle by which a path turns to the left at `v`, as `viewpoint` sees it.
+pub fn turn_at(viewpoint: DVec3, v: DVec3, before: DVec3, after: DVec3) -> f64 {
+    let axis = (v - viewpoint).normalize_or_zero();
+    let flat = |d: DVec3| d - d.dot(axis) * axis;
+    let (e, f) = (flat(before), flat(after));
+    (-axis.dot(e.cross(f))).atan2(e.dot(f))
+}
+
+/// Vertices of closed paths along directed edges: each edge is used once, and the edges of a path follow
+/// each other head to tail.
 ///
 /// `edges` are vertex pairs that are balanced at every vertex (as many enter as leave); `turn(from, via,
 /// to)` says how far to the left a path turns there, and where several edges leave a vertex the one that
-/// turns most to the left is taken, so that loops touch and do not cross.
-pub fn loops(edges: &[[u32; 2]], turn: impl Fn(u32, u32, u32) -> f64) -> Vec<Vec<u32>> {
+/// turns most to the left is taken, so that paths touch and do not cross.
+fn paths(edges: &[[u32; 2]], turn: impl Fn(u32, u32, u32) -> f64) -> Vec<Vec<u32>> {
     let mut leaving: Vec<(u32, u32)> = (0..edges.len() as u32)
         .map(|e| (edges[e as usize][0], e))
         .collect();
@@ -194,8 +244,8 @@ pub fn loops(edges: &[[u32; 2]], turn: impl Fn(u32, u32, u32) -> f64) -> Vec<Vec
         let mut next = Some(start);
         while let Some(edge) = next {
             used[edge as usize] = true;
-            path.push(edge);
             let [from, via] = edges[edge as usize];
+            path.push(from);
             if via == edges[start as usize][0] {
                 break;
             }

@@ -16,7 +16,7 @@ pub(super) mod kernels {
     use crate::error::{Error, Result};
     use crate::geometry::Frame;
     use crate::mesh::TriMesh;
-    use crate::mesh::silhouettes::silhouette_edges as find_silhouettes;
+    use crate::mesh::silhouettes::{SilhouetteEdge, loops, silhouette_edges as find_silhouettes};
     use crate::raster::nearest::{NONE, Nearest};
     use crate::raster::{rasterize as rasterize_into, tile_count};
     use crate::sampling::{LightSamples, Pattern, Sampler};
@@ -38,6 +38,15 @@ pub(super) mod kernels {
     ) -> Result<TriMesh> {
         let vertices = arrays::points(vertices, "vertices")?;
         TriMesh::new("kernel", vertices, &arrays::faces(faces, "faces")?)
+    }
+
+    fn finite(point: [f64; 3], what: &str) -> Result<DVec3> {
+        let point = DVec3::from(point);
+        if !point.is_finite() {
+            let reason = format!("expected finite numbers, got {point}");
+            return Err(Error::parameter(what, reason));
+        }
+        Ok(point)
     }
 
     #[pyfunction]
@@ -71,28 +80,48 @@ pub(super) mod kernels {
         viewpoint: [f64; 3],
     ) -> PyResult<(Ints2<'py>, Ints1<'py>)> {
         let mesh = mesh(&vertices, &faces)?;
-        let viewpoint = DVec3::from(viewpoint);
-        if !viewpoint.is_finite() {
-            let reason = format!("expected finite numbers, got {viewpoint}");
-            return Err(Error::parameter("viewpoint", reason).into());
-        }
+        let viewpoint = finite(viewpoint, "viewpoint")?;
         let (edges, windings) = py.detach(|| {
-            let adjacency = mesh.adjacency();
-            let found = find_silhouettes(
-                |v| mesh.vertices()[v as usize],
-                mesh.faces(),
-                adjacency,
-                viewpoint,
-            );
-            let ends = |e: u32| adjacency.edges()[e as usize].map(|v| v as i32);
-            let edges: Vec<i32> = found.iter().flat_map(|s| ends(s.edge)).collect();
-            let windings = found.iter().map(|s| s.winding()).collect();
+            let found = silhouettes(&mesh, viewpoint);
+            let edges = found.iter().flat_map(|s| ends(&mesh, s));
+            let edges: Vec<i32> = edges.map(|v| v as i32).collect();
+            let windings = found.iter().map(SilhouetteEdge::winding).collect();
             (edges, windings)
         });
         Ok((
             arrays::rows(py, edges, 2)?,
             PyArray1::from_vec(py, windings),
         ))
+    }
+
+    #[pyfunction]
+    fn silhouette_loops<'py>(
+        py: Python<'py>,
+        vertices: PyReadonlyArray2<'py, f64>,
+        faces: PyReadonlyArray2<'py, i64>,
+        viewpoint: [f64; 3],
+    ) -> PyResult<Vec<Ints1<'py>>> {
+        let mesh = mesh(&vertices, &faces)?;
+        let viewpoint = finite(viewpoint, "viewpoint")?;
+        let found = py.detach(|| {
+            let edges: Vec<_> = silhouettes(&mesh, viewpoint)
+                .iter()
+                .map(|s| (ends(&mesh, s), [s.front, s.back]))
+                .collect();
+            loops(&edges, |v| mesh.vertices()[v as usize], viewpoint)
+        });
+        let array =
+            |vertices: Vec<u32>| PyArray1::from_iter(py, vertices.into_iter().map(|v| v as i32));
+        Ok(found.into_iter().map(|l| array(l.vertices)).collect())
+    }
+
+    fn silhouettes(mesh: &TriMesh, viewpoint: DVec3) -> Vec<SilhouetteEdge> {
+        let position = |v: u32| mesh.vertices()[v as usize];
+        find_silhouettes(position, mesh.faces(), mesh.adjacency(), viewpoint)
+    }
+
+    fn ends(mesh: &TriMesh, edge: &SilhouetteEdge) -> [u32; 2] {
+        mesh.adjacency().edges()[edge.edge as usize]
     }
 
     #[pyfunction]
@@ -261,12 +290,7 @@ pub(super) mod kernels {
         samples: i64,
         seed: u64,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Floats1<'py>, Floats2<'py>)> {
-        let p = DVec3::from(point);
-        if !p.is_finite() {
-            return Err(
-                Error::parameter("point", format!("expected finite numbers, got {p}")).into(),
-            );
-        }
+        let p = finite(point, "point")?;
         let most = crate::methods::ray_traced::MOST_SAMPLES as i64;
         if !(1..=most).contains(&samples) {
             let reason = format!("must be 1 to {most}, got {samples}");

@@ -16,6 +16,7 @@
 //!   top of the other, and the wedge counts negatively (see [`super::interpolate`]); that is continuous, where
 //!   the paper's Figure 6 only cuts the wedge off.
 
+use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
@@ -24,7 +25,7 @@ use super::contour::Edge;
 use super::tangent::{Tangents, tangents};
 use super::volume::Quad;
 use crate::light::{Light, Shape};
-use crate::mesh::silhouettes::loops;
+use crate::mesh::silhouettes::{loops, turn_at};
 
 /// How wedges are built.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -134,56 +135,29 @@ pub fn wedges(edges: &[Edge], light: &Light, construction: Construction) -> Vec<
             .iter()
             .take_while(|e| e.object == object)
             .count();
-        let edges = &edges[first..first + count];
+        around_object(&edges[first..first + count], light, construction, &mut out);
         first += count;
-        if edges.iter().all(|e| e.front == e.back) {
-            one_kind(edges, |e| e.front, [1, 1], light, construction, &mut out);
-        } else {
-            one_kind(edges, |e| e.front, [1, 0], light, construction, &mut out);
-            one_kind(edges, |e| e.back, [0, 1], light, construction, &mut out);
-        }
     }
     out
 }
 
-/// Wedges of loops that bound one layer of one kind.
-fn one_kind(
-    edges: &[Edge],
-    count: impl Fn(&Edge) -> i32,
-    layers: [i32; 2],
-    light: &Light,
-    construction: Construction,
-    out: &mut Vec<Wedge>,
-) {
-    let (mut pairs, mut ends) = (Vec::new(), Vec::new());
-    let mut position = std::collections::HashMap::new();
+fn around_object(edges: &[Edge], light: &Light, construction: Construction, out: &mut Vec<Wedge>) {
+    let mut positions = HashMap::new();
     for edge in edges {
-        let n = count(edge);
-        let ([a, b], [p, q]) = (edge.vertices, edge.ends);
-        position.insert(a, p);
-        position.insert(b, q);
-        for _ in 0..n.unsigned_abs() {
-            pairs.push(if n > 0 { [a, b] } else { [b, a] });
-            ends.push(if n > 0 { [p, q] } else { [q, p] });
-        }
+        positions.extend(edge.vertices.into_iter().zip(edge.ends));
     }
-    let center = light.center();
-    let turn = |from: u32, via: u32, to: u32| {
-        let v = position[&via];
-        turn_at(center, v, v - position[&from], position[&to] - v)
-    };
-    for path in loops(&pairs, turn) {
-        let path: Vec<[DVec3; 2]> = path.iter().map(|&e| ends[e as usize]).collect();
-        around_loop(&path, layers, edges[0].object, light, construction, out);
+    let layers = |e: &Edge| (e.vertices, [e.front, e.back]);
+    let edges_of_layers: Vec<_> = edges.iter().map(layers).collect();
+    for around in loops(&edges_of_layers, |v| positions[&v], light.center()) {
+        let vertices = around.vertices.iter();
+        let next = around.vertices.iter().cycle().skip(1);
+        let path: Vec<[DVec3; 2]> = vertices
+            .zip(next)
+            .map(|(a, b)| [positions[a], positions[b]])
+            .collect();
+        let object = edges[0].object;
+        around_loop(&path, around.layers, object, light, construction, out);
     }
-}
-
-/// Angle by which a path turns to the left at `v`, as `center` sees it.
-fn turn_at(center: DVec3, v: DVec3, before: DVec3, after: DVec3) -> f64 {
-    let axis = (v - center).normalize_or_zero();
-    let flat = |d: DVec3| d - d.dot(axis) * axis;
-    let (e, f) = (flat(before), flat(after));
-    (-axis.dot(e.cross(f))).atan2(e.dot(f))
 }
 
 fn around_loop(
