@@ -181,7 +181,9 @@ pub fn draw(
         }
     }
     match counting {
-        Counting::ZPass => drawing.start = layers_over(casters, quads, center, eye, objects),
+        Counting::ZPass => {
+            drawing.start = layers_over(casters, quads, center, eye, objects, copies)
+        }
         Counting::ZFail => {
             let caps = Caps { center, copies };
             caps.draw(casters, quads, camera, objects, &mut drawing);
@@ -294,13 +296,15 @@ impl Caps {
     }
 }
 
-/// Layers between the light's centre and the eye: what the segment between them crosses.
+/// Layers between the light's centre and the eye: what the segment between them crosses. A triangle closes
+/// `copies` volumes.
 fn layers_over(
     casters: &Casters,
     quads: &[Quad],
     center: DVec3,
     eye: DVec3,
     objects: bool,
+    copies: i32,
 ) -> Vec<Start> {
     let geometry = casters.geometry();
     let Some(axis) = (eye - center).try_normalize() else {
@@ -337,7 +341,7 @@ fn layers_over(
                 let at = |v: u32| geometry.positions[v as usize].as_dvec3();
                 on_left(center, eye, at(p), at(q)) == (side > 0)
             });
-            let (front, back) = if side > 0 { (1, 0) } else { (0, 1) };
+            let (front, back) = if side > 0 { (copies, 0) } else { (0, copies) };
             around.then_some(Start {
                 object: casters.object_of(face, objects),
                 front,
