@@ -123,7 +123,8 @@ pub struct Crossing {
 }
 
 /// First and last column, of those from `first` to `last`, whose pixels in row `y` can be inside; none are
-/// where the first is beyond the last. Long slanted slivers fill little of their bounds.
+/// where the first is beyond the last. Long slanted slivers fill little of their bounds, and miss the
+/// pixels' centres in most rows.
 #[inline(always)]
 pub fn columns(crossings: &[Crossing; 3], y: u32, first: u32, last: u32) -> (u32, u32) {
     let (mut low, mut high) = (f64::from(first), f64::from(last));
@@ -139,6 +140,7 @@ pub fn columns(crossings: &[Crossing; 3], y: u32, first: u32, last: u32) -> (u32
             low = -smaller(-x, -low);
         }
     }
+    let (low, high) = (low.ceil(), high.floor());
     if low > high {
         return (1, 0);
     }
@@ -146,15 +148,15 @@ pub fn columns(crossings: &[Crossing; 3], y: u32, first: u32, last: u32) -> (u32
 }
 
 impl Setup {
-    /// Where the edges cross rows: for each edge the column in row 0, its change from row to row, and a pixel
-    /// more than rounding can be wrong by; positive slopes of `dy` bound from above, negative from below.
+    /// Where the edges cross rows: for each edge the column in row 0 and its change from row to row, and more
+    /// than rounding can be wrong by; positive `dy` bound from above, negative from below.
     #[inline(always)]
     pub fn crossings(&self) -> [Crossing; 3] {
         self.edges.map(|e| {
             let slope = e.dx / e.dy;
             let first = e.x - 0.5 + slope * (0.5 - e.y);
             let rows = slope.abs() * f64::from(MAX_SIZE);
-            let margin = 1.0 + DOUBT * (first.abs() + e.x.abs() + rows);
+            let margin = 1e-6 + DOUBT * (first.abs() + e.x.abs() + rows);
             if e.dy > 0.0 {
                 Crossing {
                     first: first + margin,

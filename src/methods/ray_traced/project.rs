@@ -324,7 +324,7 @@ unsafe fn cell_range<S: Lanes>(a: S, b: S, thickness: S, out: &mut [Row; 2]) {
     }
 }
 
-/// A coordinate as [`grid_index`] rounds it, before its last step.
+/// A coordinate as [`crate::sampling::grid_index`] rounds it, before its last step.
 #[inline(always)]
 unsafe fn cell_place<S: Lanes>(cells: S) -> S {
     // SAFETY: the caller enabled the features of `S`.
@@ -334,7 +334,7 @@ unsafe fn cell_place<S: Lanes>(cells: S) -> S {
     }
 }
 
-/// The last step of [`grid_index`].
+/// The last step of [`crate::sampling::grid_index`].
 fn index(places: &Row, lane: usize) -> u32 {
     places.0[lane].to_bits() & (GRID as u32 - 1)
 }
