@@ -216,16 +216,21 @@ unsafe fn fill_lanes<S: Lanes>(
     tile: Tile,
     sink: &mut dyn Sink,
 ) {
-    let mut setups = Vec::with_capacity(2);
     for &triangle in triangles {
         if !sink.wants(triangle) {
             continue;
         }
-        setups.clear();
-        setup::triangles(&faces[triangle as usize], points, camera, &mut setups);
-        for setup in &setups {
-            // SAFETY: the caller enabled the features of `S`.
-            unsafe { fill_one::<S>(setup, triangle, tile, sink) };
+        let face = &faces[triangle as usize];
+        if setup::is_in_front(face, points) {
+            if let Some(setup) = setup::triangle(face, points, camera) {
+                // SAFETY: the caller enabled the features of `S`.
+                unsafe { fill_one::<S>(&setup, triangle, tile, sink) };
+            }
+        } else {
+            for setup in setup::clipped(face, points, camera).iter().flatten() {
+                // SAFETY: the caller enabled the features of `S`.
+                unsafe { fill_one::<S>(setup, triangle, tile, sink) };
+            }
         }
     }
 }

@@ -353,26 +353,42 @@ impl Outline {
     }
 }
 
-/// Clips a triangle at the near plane and passes on what can cover a pixel's centre.
+/// Whether all of a triangle is in front of the near plane.
 #[inline(always)]
-pub fn triangles(face: &[u32; 3], points: &[DVec3], camera: &Camera, out: &mut Vec<Setup>) {
+pub fn is_in_front(face: &[u32; 3], points: &[DVec3]) -> bool {
+    face.iter().all(|&v| points[v as usize].z >= NEAR)
+}
+
+/// Sets up a triangle in front of the near plane, if it can cover a pixel's centre.
+#[inline(always)]
+pub fn triangle(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> Option<Setup> {
     let corners = face.map(|v| points[v as usize]);
-    // The triangle's plane n·(x z, y z, z) = d gives 1/z = n·(x, y, 1) / d; from the whole triangle, since
-    // what the near plane leaves of it may have corners millions of pixels away.
+    one(corners, depth_plane(corners), camera)
+}
+
+/// Clips a triangle at the near plane and sets up what can cover a pixel's centre.
+#[cold]
+pub fn clipped(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> [Option<Setup>; 2] {
+    // From the whole triangle, since what the near plane leaves of it may have corners millions of pixels
+    // away.
+    let depth = depth_plane(face.map(|v| points[v as usize]));
+    let (polygon, n) = in_front(face, points);
+    let part = |i: usize| {
+        let corners = [polygon[0], polygon[i - 1], polygon[i]];
+        (i < n).then(|| one(corners, depth, camera)).flatten()
+    };
+    [part(2), part(3)]
+}
+
+/// The triangle's plane n·(x z, y z, z) = d gives 1/z = n·(x, y, 1) / d.
+#[inline(always)]
+fn depth_plane(corners: [DVec3; 3]) -> DVec3 {
     let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
     let depth = n / n.dot(corners[0]);
-    let depth = if depth.is_finite() {
+    if depth.is_finite() {
         depth
     } else {
         DVec3::new(0.0, 0.0, 1.0 / corners[0].z)
-    };
-    if corners.iter().all(|p| p.z >= NEAR) {
-        out.extend(one(corners, depth, camera));
-    } else {
-        let (polygon, n) = in_front(face, points);
-        for i in 2..n {
-            out.extend(one([polygon[0], polygon[i - 1], polygon[i]], depth, camera));
-        }
     }
 }
 
