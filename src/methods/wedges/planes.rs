@@ -6,7 +6,9 @@
 //! every wedge has two neighbours, whatever the mesh, and the intensity is continuous around every loop.
 //!
 //! - An edge whose line meets the light (seen end-on by some of it) has no front and back plane: it is left
-//!   out and its neighbours are joined at its far end.
+//!   out and its neighbours are joined at its far end. So is one that points past the light so closely that
+//!   its planes open by more than a right angle: it spans next to nothing of the outline, but its wedge would
+//!   reach over everything beside it.
 //! - Where neighbours turn by more than `vertex_angle`, further wedges are set around the vertex, their edges
 //!   of no length turned in equal steps from one neighbour's direction to the other's (Figure 7).
 //! - Neighbours share the rays in which their front planes and their back planes meet, and the side plane
@@ -90,6 +92,9 @@ struct Link {
     limits: Tangents,
 }
 
+/// Sine of the angle between an edge and the way from the light below which it may be seen end-on.
+const END_ON: f64 = 0.5;
+
 impl Link {
     fn new(
         light: &Light,
@@ -98,23 +103,25 @@ impl Link {
         construction: Construction,
     ) -> Option<Link> {
         let direction = direction.try_normalize()?;
-        let outside = (ends[0] - light.center())
-            .cross(direction)
-            .try_normalize()?;
+        let from_light = ends[0] - light.center();
+        let outside = from_light.cross(direction).try_normalize()?;
+        let touching = tangents(light, ends[0], direction, outside)?;
+        let sine = from_light.cross(direction).length() / from_light.length();
+        if sine < END_ON && touching.front.dot(touching.back) < 0.0 {
+            return None;
+        }
         let limits = match light.shape {
             Shape::Sphere { center, radius } if construction.paper_planes => {
                 let plane = |p: DVec3| {
                     let n = direction.cross(p - ends[0]).normalize();
                     if n.dot(outside) < 0.0 { -n } else { n }
                 };
-                // Those of a light that the edge's line meets do not bound anything either.
-                tangents(light, ends[0], direction, outside)?;
                 Tangents {
                     front: plane(center - radius * outside),
                     back: plane(center + radius * outside),
                 }
             }
-            _ => tangents(light, ends[0], direction, outside)?,
+            _ => touching,
         };
         Some(Link {
             ends,
