@@ -264,7 +264,6 @@ def test_no_stray_pixels_between_the_papers_planes():
     assert max(dark, leak) < 0.02
 
 
-@pytest.mark.xfail(strict=True, reason="quads of fans do not meet at every vertex: stray pixels")
 @pytest.mark.parametrize("counting", ["zpass", "zfail"])
 def test_no_stray_pixels_of_fans(counting):
     dark, leak = _lit_and_umbra(ss.Wedges(quads=64, counting=counting))

@@ -2,9 +2,11 @@
 //!
 //! - this file: [`TriMesh`], what every mesh is checked for, and which vertices are one;
 //! - [`adjacency`]: edges with all the triangles at them, manifold or not;
+//! - [`oriented`]: the faces without duplicates and wound alike;
 //! - [`silhouettes`]: the edges that bound what a point sees as the mesh's outline, and their loops.
 
 pub mod adjacency;
+pub mod oriented;
 pub mod silhouettes;
 
 use std::sync::OnceLock;
@@ -14,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use adjacency::Adjacency;
+use oriented::Oriented;
 
 /// A validated triangle mesh in object space.
 ///
@@ -25,6 +28,7 @@ pub struct TriMesh {
     faces: Vec<[u32; 3]>,
     adjacency: OnceLock<Adjacency>,
     components: OnceLock<Vec<u32>>,
+    oriented: OnceLock<Option<Oriented>>,
 }
 
 impl TriMesh {
@@ -76,6 +80,7 @@ impl TriMesh {
             faces: welded,
             adjacency: OnceLock::new(),
             components: OnceLock::new(),
+            oriented: OnceLock::new(),
         };
         mesh.check_extent(name)?;
         Ok(mesh)
@@ -109,6 +114,7 @@ impl TriMesh {
             faces: self.faces.clone(),
             adjacency: self.adjacency.clone(),
             components: self.components.clone(),
+            oriented: self.oriented.clone(),
         };
         mesh.check_extent(name)?;
         Ok(mesh)
@@ -127,6 +133,17 @@ impl TriMesh {
     /// Edges and the faces at them; built at the first call.
     pub fn adjacency(&self) -> &Adjacency {
         self.adjacency.get_or_init(|| Adjacency::new(&self.faces))
+    }
+
+    /// Faces without duplicates and wound alike, and their edges; found at the first call.
+    pub fn oriented(&self) -> (&[[u32; 3]], &Adjacency) {
+        let found = self
+            .oriented
+            .get_or_init(|| Oriented::new(&self.faces, self.adjacency()));
+        match found {
+            Some(o) => (&o.faces, &o.adjacency),
+            None => (&self.faces, self.adjacency()),
+        }
     }
 
     /// For every vertex a number of the connected part that it belongs to; built at the first call.

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::geometry::{Geometry, MeshRange};
-use crate::mesh::silhouettes::{SilhouetteEdge, silhouette_edges};
+use crate::mesh::silhouettes::silhouette_edges;
 
 /// A silhouette edge.
 ///
@@ -66,7 +66,7 @@ impl Casters {
     /// Builds the adjacency, and the connected parts if `objects` are to be told apart.
     pub fn connect(&self, objects: bool) {
         for mesh in self.ranges() {
-            mesh.mesh.adjacency();
+            mesh.mesh.oriented();
             if objects {
                 mesh.mesh.components();
             }
@@ -82,41 +82,40 @@ impl Casters {
         &self.geometry
     }
 
-    /// All triangles that cast.
-    pub fn faces(&self) -> impl ParallelIterator<Item = u32> {
-        let ranges: Vec<_> = self
-            .ranges()
-            .map(|m| m.first_face..m.first_face + m.faces)
-            .collect();
-        ranges.into_par_iter().flatten()
+    /// All triangles that cast, as corners in [`Geometry::positions`], without duplicates and wound alike.
+    pub fn faces(&self) -> impl ParallelIterator<Item = [u32; 3]> {
+        let meshes: Vec<_> = self.ranges().collect();
+        meshes.into_par_iter().flat_map(|mesh| {
+            let faces = mesh.mesh.oriented().0.par_iter();
+            faces.map(|f| f.map(|v| v + mesh.first_vertex))
+        })
     }
 
-    /// The object of a triangle: 0 unless `objects`.
-    pub fn object_of(&self, face: u32, objects: bool) -> u32 {
+    /// The object of a vertex: 0 unless `objects`.
+    pub fn object_of(&self, vertex: u32, objects: bool) -> u32 {
         if !objects {
             return 0;
         }
-        let mesh = self.geometry.mesh_of(face);
-        let corner = self.geometry.faces[face as usize][0] - mesh.first_vertex;
-        mesh.first_vertex + mesh.mesh.components()[corner as usize]
+        let meshes = &self.geometry.meshes;
+        let mesh = &meshes[meshes.partition_point(|m| m.first_vertex <= vertex) - 1];
+        mesh.first_vertex + mesh.mesh.components()[(vertex - mesh.first_vertex) as usize]
     }
 
     /// The silhouette edges that `center` sees.
     ///
-    /// Layers that a mesh has k times everywhere (duplicate faces) are counted once. With `objects`,
-    /// every connected part of a mesh is an object of its own; otherwise there is one.
+    /// Duplicate faces are counted once. With `objects`, every connected part of a mesh is an object of its
+    /// own; otherwise there is one.
     pub fn silhouettes(&self, center: DVec3, objects: bool) -> Vec<Edge> {
         let mut out = Vec::new();
         for mesh in self.ranges() {
             let positions = &self.geometry.positions[mesh.first_vertex as usize..];
             let position = |v: u32| positions[v as usize].as_dvec3();
-            let adjacency = mesh.mesh.adjacency();
-            let found = silhouette_edges(position, mesh.mesh.faces(), adjacency, center);
-            let every = layers_in_common(&found);
+            let (faces, adjacency) = mesh.mesh.oriented();
+            let found = silhouette_edges(position, faces, adjacency, center);
             let start = out.len();
             out.extend(found.iter().map(|s| {
                 let [mut a, mut b] = adjacency.edges()[s.edge as usize];
-                let (mut front, mut back) = (s.front / every, s.back / every);
+                let (mut front, mut back) = (s.front, s.back);
                 if front + back < 0 {
                     (a, b, front, back) = (b, a, -front, -back);
                 }
@@ -138,25 +137,4 @@ impl Casters {
         }
         out
     }
-}
-
-/// The greatest number that divides the layers of all edges.
-fn layers_in_common(edges: &[SilhouetteEdge]) -> i32 {
-    let mut common = 0;
-    for edge in edges {
-        common = gcd(gcd(common, edge.front), edge.back);
-        // Nothing smaller comes, and a mesh without duplicate faces gets here at once.
-        if common == 1 {
-            break;
-        }
-    }
-    common
-}
-
-fn gcd(a: i32, b: i32) -> i32 {
-    let (mut a, mut b) = (a.abs(), b.abs());
-    while b != 0 {
-        (a, b) = (b, a % b);
-    }
-    a
 }

@@ -256,8 +256,8 @@ impl Caps {
             drawing.add(camera, corners, surface);
         };
         for face in casters.faces().collect::<Vec<_>>() {
-            let object = casters.object_of(face, objects);
-            let corners = geometry.corners(face).map(|v| v.as_dvec3());
+            let object = casters.object_of(face[0], objects);
+            let corners = face.map(|v| geometry.positions[v as usize].as_dvec3());
             let side = side_of(corners, center);
             let seen = side_of(corners, camera.eye);
             if side == 0 || seen == 0 {
@@ -322,28 +322,27 @@ fn layers_over(
         .collect();
     let mut found: Vec<Start> = casters
         .faces()
-        .filter(|&face| {
-            let corners = geometry.faces[face as usize].map(|v| seen[v as usize]);
+        .filter(|face| {
+            let corners = face.map(|v| seen[v as usize]);
             (0..2).all(|axis| {
                 let d = corners.map(|c| c[axis]);
                 d.iter().any(|d| *d <= margin) && d.iter().any(|d| *d >= -margin)
             })
         })
         .filter_map(|face| {
-            let corners = geometry.corners(face).map(|p| p.as_dvec3());
+            let corners = face.map(|v| geometry.positions[v as usize].as_dvec3());
             let [side, other] = [center, eye].map(|p| side_of(corners, p));
             if side == 0 || side == other {
                 return None;
             }
-            let vertices = geometry.faces[face as usize];
             let around = (0..3).all(|i| {
-                let (p, q) = (vertices[i], vertices[(i + 1) % 3]);
+                let (p, q) = (face[i], face[(i + 1) % 3]);
                 let at = |v: u32| geometry.positions[v as usize].as_dvec3();
                 on_left(center, eye, at(p), at(q)) == (side > 0)
             });
             let (front, back) = if side > 0 { (copies, 0) } else { (0, copies) };
             around.then_some(Start {
-                object: casters.object_of(face, objects),
+                object: casters.object_of(face[0], objects),
                 front,
                 back,
             })
