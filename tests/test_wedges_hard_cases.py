@@ -133,11 +133,11 @@ def test_hard_cases_against_the_reference(name, kind):
 @pytest.mark.parametrize(
     ("name", "bound"),
     [
-        # The plain box has 0.006; faces are wound alike and duplicates dropped before edges are found.
+        # The plain box has 0.006: faces are wound alike, duplicates dropped.
         ("inconsistent winding", 0.01),
         ("one face turned", 0.01),
         ("one face twice", 0.01),
-        # Two of the sheets hide the same part of the light, and one object's layers are added: 0.034.
+        # Two of the sheets hide the same part of the light; they are one object, so added: 0.034.
         ("three sheets", 0.04),
     ],
 )
