@@ -196,6 +196,10 @@ impl Light {
                 segment_fraction(n.dot(d), slope)
             }
             Shape::Sphere { radius, .. } => {
+                let height = n.dot(d);
+                if height.abs() >= radius {
+                    return if height > 0.0 { 1.0 } else { 0.0 };
+                }
                 let distance = d.length();
                 let sin = radius / distance;
                 cap_fraction_above(n.dot(d) / distance, sin)

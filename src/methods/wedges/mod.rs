@@ -47,7 +47,7 @@ use buffer::{Frame, Groups, Interior, TileBuffer};
 use contour::{Casters, Edge};
 use planes::{Construction, Wedge};
 use tangent::tangents;
-use volume::{Counting, Quad};
+use volume::{Counting, Quad, View};
 
 /// Half-widths of a light, in local units, below which it is a point: the scene's coordinates are not
 /// known any better.
@@ -380,15 +380,20 @@ impl PreparedWedges {
                 reason,
             });
         };
-        let drawing = volume::draw(
-            &self.casters,
-            &cast.quads,
-            cast.light.center(),
+        let points = receivers.positions.par_iter();
+        let low = points
+            .clone()
+            .copied()
+            .reduce(|| DVec3::INFINITY, DVec3::min);
+        let high = points.copied().reduce(|| DVec3::NEG_INFINITY, DVec3::max);
+        let view = View {
             camera,
-            self.settings.counting,
-            self.settings.objects(),
-            cast.fan as i32,
-        );
+            receivers: [low, high],
+            counting: self.settings.counting,
+            objects: self.settings.objects(),
+            copies: cast.fan as i32,
+        };
+        let drawing = volume::draw(&self.casters, &cast.quads, cast.light.center(), &view);
         let frame = Frame::new(cast, &drawing, receivers, camera, &self.settings, keep);
         // Receivers are counted once a group, as by every method; tiles need no steps of their own.
         let silent = Control::default();

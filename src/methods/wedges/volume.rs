@@ -5,7 +5,8 @@
 //! however wide the angle in which the light sees an edge. They go through the one rasteriser, whose rule
 //! at shared edges makes each view ray cross each surface exactly once. Whether a crossing lies before
 //! a receiver is the side of the quad's plane that the receiver is on, decided by one number, the same that
-//! decides what a wedge does there: depths are never compared.
+//! decides what a wedge does there: depths are never compared. Counting from the eye, quads end where they
+//! leave the half-spaces that hold all receivers and the eye: what is beyond lies behind every receiver.
 //!
 //! Counting from the eye (*Z-pass*) starts with the layers between the light and the eye itself, found from
 //! the triangles that the segment from the light to the eye crosses; so it is right for a viewer in shadow
@@ -122,26 +123,125 @@ pub struct Drawing {
     pub start: Vec<Start>,
 }
 
-/// Prepares the volumes of `quads` for a camera; there are `copies` quads for each edge.
-pub fn draw(
-    casters: &Casters,
-    quads: &[Quad],
-    center: DVec3,
-    camera: &Camera,
-    counting: Counting,
-    objects: bool,
-    copies: i32,
-) -> Drawing {
+/// What is drawn.
+pub struct View<'a> {
+    /// The camera, local.
+    pub camera: &'a Camera,
+    /// Bounds of all receivers.
+    pub receivers: [DVec3; 2],
+    /// Where layers are counted from.
+    pub counting: Counting,
+    /// Whether objects are told apart.
+    pub objects: bool,
+    /// Quads that stand for one edge.
+    pub copies: i32,
+}
+
+/// A point, or the point at infinity in a direction.
+#[derive(Clone, Copy)]
+struct Corner {
+    at: DVec3,
+    weight: f64,
+}
+
+impl Corner {
+    fn point(at: DVec3) -> Self {
+        Corner { at, weight: 1.0 }
+    }
+
+    fn infinite(at: DVec3) -> Self {
+        Corner { at, weight: 0.0 }
+    }
+
+    /// Where the eye sees it: for the rasteriser, which looks at points in homogeneous coordinates about the
+    /// eye, a direction from there is the point at infinity.
+    fn seen_from(self, eye: DVec3) -> DVec3 {
+        self.at + (1.0 - self.weight) * eye
+    }
+}
+
+/// Half-spaces that hold all receivers and the eye: what is outside one is behind every receiver.
+struct Room {
+    planes: Vec<(usize, f64, f64)>,
+}
+
+impl Room {
+    fn new(receivers: [DVec3; 2], eye: DVec3) -> Self {
+        let mut planes = Vec::new();
+        for axis in 0..3 {
+            for (sign, limit) in [(-1.0, receivers[0][axis]), (1.0, receivers[1][axis])] {
+                // Coordinates within 2; the slack is far above their rounding and far below a pixel.
+                let limit = sign * limit + 1e-9;
+                if sign * eye[axis] < limit {
+                    planes.push((axis, sign, limit));
+                }
+            }
+        }
+        Room { planes }
+    }
+
+    /// Where a ray leaves, and through which plane.
+    fn exit(&self, start: DVec3, ray: DVec3) -> Option<(usize, DVec3)> {
+        let mut first: Option<(usize, f64)> = None;
+        for (i, &(axis, sign, limit)) in self.planes.iter().enumerate() {
+            let speed = sign * ray[axis];
+            if speed > 0.0 {
+                let t = ((limit - sign * start[axis]) / speed).max(0.0);
+                if first.is_none_or(|f| t < f.1) {
+                    first = Some((i, t));
+                }
+            }
+        }
+        first.map(|(i, t)| (i, start + t * ray))
+    }
+}
+
+/// The triangles of a quad. Where both sides leave the room of the receivers through one plane it ends there;
+/// a side that leaves has a corner there in any case, so that neighbours share their sides piece by piece.
+fn pieces(quad: &Quad, room: Option<&Room>, out: &mut Vec<[Corner; 3]>) {
+    let [a, b] = quad.ends.map(Corner::point);
+    let [far_a, far_b] = quad.rays.map(Corner::infinite);
+    let exit = |end: usize| room.and_then(|r| r.exit(quad.ends[end], quad.rays[end]));
+    out.clear();
+    match (exit(0), exit(1)) {
+        (Some((i, p)), Some((j, q))) => {
+            let (p, q) = (Corner::point(p), Corner::point(q));
+            out.extend([[a, b, q], [a, q, p]]);
+            if i != j {
+                out.extend([[p, q, far_b], [p, far_b, far_a]]);
+            }
+        }
+        (Some((_, p)), None) => {
+            let p = Corner::point(p);
+            out.extend([[a, b, p], [p, b, far_b], [p, far_b, far_a]]);
+        }
+        (None, Some((_, q))) => {
+            let q = Corner::point(q);
+            out.extend([[a, b, q], [a, q, far_b], [a, far_b, far_a]]);
+        }
+        (None, None) => out.extend([[a, b, far_b], [a, far_b, far_a]]),
+    }
+}
+
+/// Prepares the volumes of `quads`.
+pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Drawing {
+    let &View {
+        camera,
+        objects,
+        copies,
+        ..
+    } = view;
     let eye = camera.eye;
     // A quad seen edge-on by the eye in its plane covers no pixel, but the eye is on neither side of it.
     let touches = |q: &Quad| {
         let distance = q.normal.dot(eye) - q.offset;
         distance.abs() <= NEAR * q.normal.length() * (1.0 + eye.length())
     };
-    let counting = match counting {
+    let counting = match view.counting {
         Counting::ZPass if quads.par_iter().any(touches) => Counting::ZFail,
         other => other,
     };
+    let room = (counting == Counting::ZPass).then(|| Room::new(view.receivers, eye));
     let mut drawing = Drawing {
         points: Vec::with_capacity(6 * quads.len()),
         bounds: Vec::with_capacity(6 * quads.len()),
@@ -149,8 +249,8 @@ pub fn draw(
         surfaces: Vec::with_capacity(2 * quads.len()),
         start: Vec::new(),
     };
+    let mut triangles = Vec::new();
     for quad in quads {
-        let [a, b] = quad.ends;
         let eye_behind = quad.behind(eye);
         // Crossed before a receiver on the other side than the eye; the other surfaces that cover it lie
         // behind it, and are crossed in the other direction when counting from there.
@@ -158,13 +258,11 @@ pub fn draw(
             Counting::ZPass => (1 - 2 * i32::from(eye_behind), !eye_behind),
             Counting::ZFail => (2 * i32::from(eye_behind) - 1, eye_behind),
         };
-        let [ray_a, ray_b] = quad.rays;
-        let far = quad.rays.map(|ray| at_infinity(ray, eye));
-        let halves = [
-            ([a, b, far[1]], (b - a).cross(ray_b)),
-            ([a, far[1], far[0]], ray_b.cross(ray_a)),
-        ];
-        for (corners, normal) in halves {
+        pieces(quad, room.as_ref(), &mut triangles);
+        for [p, q, r] in &triangles {
+            let normal = p.weight * q.at.cross(r.at)
+                + q.weight * r.at.cross(p.at)
+                + r.weight * p.at.cross(q.at);
             // Where the rays cross, the part beyond is turned over and counts the other way.
             let turned = normal.dot(quad.normal) > 0.0;
             let sign = if turned { -sign } else { sign };
@@ -177,7 +275,7 @@ pub fn draw(
                 back: sign * quad.back,
                 object: quad.object,
             };
-            drawing.add(camera, corners, surface);
+            drawing.add(camera, [p, q, r].map(|c| c.seen_from(eye)), surface);
         }
     }
     match counting {
@@ -213,12 +311,6 @@ impl Drawing {
     }
 }
 
-/// Where the eye sees the point at infinity along a ray: for the rasteriser, which looks at points in
-/// homogeneous coordinates about the eye, it is that point.
-fn at_infinity(ray: DVec3, eye: DVec3) -> DVec3 {
-    eye + ray
-}
-
 /// Six times the volume of a tetrahedron; positive where its first three corners run clockwise as `d`
 /// sees them.
 fn volume(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> f64 {
@@ -242,7 +334,8 @@ impl Caps {
     ) {
         let &Caps { center, copies } = self;
         let geometry = casters.geometry();
-        let far = |p: DVec3| at_infinity((p - center).normalize_or_zero(), camera.eye);
+        let far =
+            |p: DVec3| Corner::infinite((p - center).normalize_or_zero()).seen_from(camera.eye);
         let mut add = |corners: [DVec3; 3], layers: [i32; 2], object: u32| {
             let surface = Surface {
                 normal: DVec3::ZERO,
@@ -279,7 +372,9 @@ impl Caps {
         for quad in quads {
             let [a, b] = quad.ends;
             let [fa, fb] = [far(a), far(b)];
-            let [ga, gb] = quad.rays.map(|ray| at_infinity(ray, camera.eye));
+            let [ga, gb] = quad
+                .rays
+                .map(|ray| Corner::infinite(ray).seen_from(camera.eye));
             for [p, q, r] in [[ga, gb, fb], [ga, fb, fa]] {
                 let sign = match volume(p, q, r, camera.eye) {
                     v if v < 0.0 => 1,
