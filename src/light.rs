@@ -223,6 +223,12 @@ impl Light {
             Shape::Disk { normal, radius, .. } => disk_irradiance(d, normal, radius, n),
             Shape::Sphere { radius, .. } => {
                 let distance = d.length();
+                let height = n.dot(d);
+                if height >= radius {
+                    // All above the tangent plane: π sin² of the half-angle, times the axis' cosine.
+                    let sin = radius / distance;
+                    return PI * sin * sin * height / distance;
+                }
                 let axis = d / distance;
                 let sin = radius / distance;
                 let cos = (1.0 - sin * sin).max(0.0).sqrt();
