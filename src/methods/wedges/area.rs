@@ -260,17 +260,11 @@ unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge) -> Option<Line
     unsafe {
         let mut a = [Row::default(); 3];
         let e: [f32; 3] = std::array::from_fn(|i| (edge.ends[1][i] - edge.ends[0][i]) as f32);
-        let mut side = Row::default();
         let [x, y, z] = &block.position;
         for i in 0..LANES {
             a[0].0[i] = (edge.ends[0][0] - x[i]) as f32;
             a[1].0[i] = (edge.ends[0][1] - y[i]) as f32;
             a[2].0[i] = (edge.ends[0][2] - z[i]) as f32;
-        }
-        for i in 0..LANES {
-            let n = &edge.normal;
-            let value = n[0] * x[i] + n[1] * y[i] + n[2] * z[i] - edge.offset;
-            side.0[i] = if value < 0.0 { -1.0 } else { 1.0 };
         }
         let (ax, ay, az) = (S::load(&a[0]), S::load(&a[1]), S::load(&a[2]));
         let (ex, ey, ez) = (S::splat(e[0]), S::splat(e[1]), S::splat(e[2]));
@@ -301,6 +295,12 @@ unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge) -> Option<Line
         let valid = (ahead_a | ahead_b) & before & near;
         if valid == 0 {
             return None;
+        }
+        let mut side = Row::default();
+        for i in 0..LANES {
+            let n = &edge.normal;
+            let value = n[0] * x[i] + n[1] * y[i] + n[2] * z[i] - edge.offset;
+            side.0[i] = if value < 0.0 { -1.0 } else { 1.0 };
         }
         let scale = S::splat(1.0).div(length.max(S::splat(f32::MIN_POSITIVE)).sqrt());
         let (lx, ly, lz) = (lx.mul(scale), ly.mul(scale), lz.mul(scale));
