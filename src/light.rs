@@ -355,8 +355,26 @@ fn segment_fraction(height: f64, slope: f64) -> f64 {
     if height.abs() >= slope {
         return if height > 0.0 { 1.0 } else { 0.0 };
     }
-    let x = height / slope;
+    beyond_line_over_disk(height / slope)
+}
+
+/// Fraction of a disk on the positive side of a line, its centre at `x` radii (-1 to 1) on that side.
+pub(crate) fn beyond_line_over_disk(x: f64) -> f64 {
+    let x = x.clamp(-1.0, 1.0);
     1.0 - (x.acos() - x * (1.0 - x * x).sqrt()) / PI
+}
+
+/// Fraction of a rectangle beyond a line that has `s` (0 to 1) of its width beyond it, of which the shorter
+/// side makes up `part`, at most 1/2: the distribution of the sum of two uniform numbers.
+pub(crate) fn beyond_line_over_rectangle(s: f64, part: f64) -> f64 {
+    let end = s - (1.0 - part);
+    // The two triangles at the ends, of which a rectangle parallel to the line has none.
+    let triangles = if part > 0.0 {
+        (s.min(part).powi(2) - end.max(0.0).powi(2)) * 0.5 / part
+    } else {
+        0.0
+    };
+    (triangles + (s - part).max(0.0)) / (1.0 - part)
 }
 
 /// Fraction of a spherical cap's solid angle above a plane through the sphere's centre: the cap's

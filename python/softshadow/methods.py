@@ -105,6 +105,46 @@ class ShadowVolume(Method):
 
 
 @dataclass(frozen=True)
+class Ssoc(Method):
+    """The soft shadow occlusion camera (Mo, Popescu and Wyman 2007).
+
+    A shadow map from the light's centre and two distortion maps beside it, which say for every
+    texel which silhouette edge is nearest: a receiver's place in that edge's penumbra is how far it
+    has to be moved in the map to be seen. Fast, and for lights that are small against their
+    distance; see ``docs/methods/ssoc.md`` for where it is wrong.
+
+    Parameters
+    ----------
+    resolution : int
+        Texels along the longer side of each map, 16 to 16384.
+    steps : int
+        Distortions tried for a receiver, 1 to 8, so that penumbrae that overlap combine; 1 is the
+        paper's naive lookup.
+    falloff : {"light", "linear", "smooth"}
+        How visibility falls off across a penumbra: by the area of the light beyond a line, in
+        closed form; linearly; or as ``3 s**2 - 2 s**3`` (the paper).
+    interpolate : bool
+        Interpolate the lookups from the four texels around a receiver, as the paper; ``False``
+        takes the one that it lies in.
+    opacity : {"opaque"}, optional
+        ``"opaque"`` lets every mesh with an opacity above 0 block all light; without, transparent
+        meshes that cast are an error.
+    """
+
+    resolution: int = 1024
+    steps: int = 3
+    falloff: Literal["light", "linear", "smooth"] = "light"
+    interpolate: bool = True
+    opacity: Literal["opaque"] | None = None
+
+    name: ClassVar[str] = "ssoc"
+    points: ClassVar[bool] = True
+
+    def _to_core(self) -> _core.Method:
+        return _core.Method.ssoc(self)
+
+
+@dataclass(frozen=True)
 class Wedges(Method):
     """Penumbra wedges (Akenine-Möller and Assarsson 2002).
 
@@ -160,7 +200,7 @@ class Wedges(Method):
         return _core.Method.wedges(self)
 
 
-_METHODS: dict[str, type[Method]] = {m.name: m for m in (Hard, RayTraced, ShadowVolume, Wedges)}
+_METHODS: dict[str, type[Method]] = {m.name: m for m in (Hard, RayTraced, ShadowVolume, Ssoc, Wedges)}
 
 MethodLike: TypeAlias = "str | Method"
 """A method's name, or a configured method."""

@@ -2,6 +2,7 @@
 //!
 //! - [`hard`]: one shadow ray to the light's centre;
 //! - [`ray_traced`]: stratified light samples against the hierarchy, the reference;
+//! - [`ssoc`]: the soft shadow occlusion camera;
 //! - [`wedges`]: penumbra wedges, and shadow volumes.
 //!
 //! A method prepares itself once for a scene and its lights ([`Method::prepare`]) and then answers for
@@ -10,6 +11,7 @@
 
 pub mod hard;
 pub mod ray_traced;
+pub mod ssoc;
 pub mod wedges;
 
 use std::sync::Arc;

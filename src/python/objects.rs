@@ -14,6 +14,8 @@ use crate::light::Light;
 use crate::methods::Method;
 use crate::methods::hard::Hard;
 use crate::methods::ray_traced::RayTraced;
+use crate::methods::ssoc::Ssoc;
+use crate::methods::ssoc::falloff::Falloff as SsocFalloff;
 use crate::methods::wedges::planes::Construction;
 use crate::methods::wedges::volume::Counting;
 use crate::methods::wedges::{Falloff, Overlap, ShadowVolume, Wedges, interpolate};
@@ -224,8 +226,44 @@ impl PyMethod {
     }
 
     #[staticmethod]
+    fn ssoc(parameters: SsocParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
     fn wedges(parameters: WedgeParameters) -> Result<Self> {
         Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+}
+
+/// The parameters of the soft shadow occlusion camera as Python has them: attributes of `softshadow.Ssoc`.
+#[derive(FromPyObject)]
+pub(super) struct SsocParameters {
+    resolution: i64,
+    steps: i64,
+    falloff: String,
+    interpolate: bool,
+    opacity: Option<String>,
+}
+
+impl SsocParameters {
+    /// Checks them.
+    pub(super) fn parse(&self) -> Result<Ssoc> {
+        let method = "Ssoc";
+        let falloffs = [
+            ("light", SsocFalloff::Light),
+            ("linear", SsocFalloff::Linear),
+            ("smooth", SsocFalloff::Smooth),
+        ];
+        let falloff = choice(method, "falloff", &self.falloff, &falloffs)?;
+        let opaque = parse_opaque(method, self.opacity.as_deref())?;
+        Ssoc::new(
+            self.resolution,
+            self.steps,
+            falloff,
+            self.interpolate,
+            opaque,
+        )
     }
 }
 

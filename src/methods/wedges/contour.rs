@@ -1,5 +1,6 @@
 //! The silhouette edges of everything that casts, as a light's centre sees them.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -80,6 +81,17 @@ impl Casters {
     /// The scene.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
+    }
+
+    /// All triangles that cast, mesh by mesh, as they are in [`Geometry::faces`].
+    pub fn face_ranges(&self) -> impl Iterator<Item = Range<u32>> {
+        self.ranges().map(|m| m.first_face..m.first_face + m.faces)
+    }
+
+    /// Their numbers.
+    pub fn face_ids(&self) -> impl ParallelIterator<Item = u32> {
+        let ranges: Vec<_> = self.face_ranges().collect();
+        ranges.into_par_iter().flatten()
     }
 
     /// All triangles that cast, as corners in [`Geometry::positions`], without duplicates and wound alike.

@@ -208,7 +208,7 @@ struct PreparedWedges {
 }
 
 /// Whether a light (local) has no width.
-fn is_point(light: &Light) -> bool {
+pub(super) fn is_point(light: &Light) -> bool {
     let half = match light.shape {
         Shape::Rect { u, v, .. } => 0.5 * u.length().max(v.length()),
         Shape::Disk { radius, .. } | Shape::Sphere { radius, .. } => radius,

@@ -1,0 +1,471 @@
+//! The shadow map of a view, and its inside and outside distortion maps.
+//!
+//! Silhouette edges are projected into the view and extruded along their normals to both sides, as far as the
+//! widest penumbra that they can cast in the scene; fans fill the gaps at corners. Every texel keeps, on each
+//! side, the edge nearest to it (Section 3.2.1): the six values of the paper follow from the edge exactly,
+//! instead of being interpolated from rounded ones.
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::view::View;
+use crate::control::Control;
+use crate::error::Result;
+use crate::geometry::Geometry;
+use crate::methods::wedges::contour::{Casters, Edge};
+use crate::raster::nearest::{NONE, Nearest};
+use crate::raster::setup::{Bounds, NEAR};
+use crate::raster::{SPAN, Sink, Tile, rasterize, rasterize_projected};
+
+/// Texels that an edge reaches beyond its penumbra: a lookup's neighbours are up to one away in each
+/// direction.
+const REACH: f64 = 2.0;
+
+/// Distances along an edge's normal, in texels, at which what lies behind it is looked up, in this ratio.
+const FIRST_PROBE: f64 = 1.5;
+
+/// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
+const FAN: f64 = std::f64::consts::FRAC_PI_4;
+
+/// A silhouette edge in the image, what it hides on its left (as rows run downwards, towards the negative
+/// side of [`Line::normal`]).
+#[derive(Debug, Clone, Copy)]
+pub struct Line {
+    /// Where it starts, in texels.
+    pub start: DVec2,
+    /// Unit direction.
+    pub along: DVec2,
+    /// Length in texels.
+    pub length: f64,
+    /// Inverse depth at the start, and its change a texel.
+    pub inverse_depth: [f64; 2],
+    /// Inverse depth of the farthest surface behind it, as far as the map knows.
+    pub inverse_far: f64,
+    /// Texels to either side that it can matter for.
+    pub reach: f64,
+    /// Vertices of the scene at its ends; none where it was clipped.
+    ends: [Option<u32>; 2],
+}
+
+/// The point of a silhouette nearest to an image point.
+#[derive(Debug, Clone, Copy)]
+pub struct Foot {
+    /// Signed distance from the silhouette, positive on the lit side.
+    pub x: f64,
+    /// Unit normal to the lit side.
+    pub normal: DVec2,
+    /// The nearest point.
+    pub point: DVec2,
+    /// Inverse depth there: that of `z_near`.
+    pub inverse_near: f64,
+}
+
+impl Line {
+    /// Unit normal, to the lit side.
+    #[inline(always)]
+    pub fn normal(&self) -> DVec2 {
+        DVec2::new(-self.along.y, self.along.x)
+    }
+
+    /// The nearest point to `q`.
+    #[inline(always)]
+    pub fn foot(&self, q: DVec2) -> Foot {
+        let from = q - self.start;
+        let at = from.dot(self.along);
+        let t = at.clamp(0.0, self.length);
+        let across = from.dot(self.normal());
+        let inverse_near = self.inverse_depth[0] + t * self.inverse_depth[1];
+        let point = self.start + self.along * t;
+        if t == at {
+            return Foot {
+                x: across,
+                normal: self.normal(),
+                point,
+                inverse_near,
+            };
+        }
+        // Beyond an end: the distance from a corner.
+        let beyond = q - point;
+        let x = beyond.length().copysign(across);
+        Foot {
+            x,
+            normal: beyond / x,
+            point,
+            inverse_near,
+        }
+    }
+}
+
+/// The maps of a view.
+pub struct Maps {
+    /// Where from.
+    pub view: View,
+    /// Inverse depth of the nearest casting surface, 0 where there is none.
+    pub inverse_depth: Vec<f64>,
+    /// Its triangle.
+    pub triangle: Vec<u32>,
+    /// Silhouette edges in the image.
+    pub lines: Vec<Line>,
+    /// Of each texel on the dark side of silhouettes the nearest line, or [`NONE`].
+    pub inside: Vec<u32>,
+    /// Of each texel on their lit side.
+    pub outside: Vec<u32>,
+}
+
+impl Maps {
+    /// The shadow map, and still no lines.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`].
+    pub fn shadow_map(view: View, casters: &Casters, casts: &[bool]) -> Result<Maps> {
+        let geometry = casters.geometry();
+        let silent = Control::default();
+        let tiles = match &view.only {
+            None => rasterize(
+                &geometry.positions,
+                &geometry.faces,
+                |f| casts[f as usize],
+                &view.camera,
+                &silent,
+                Nearest::new,
+            )?,
+            Some(only) => {
+                let positions: Vec<_> = only.iter().flat_map(|&f| geometry.corners(f)).collect();
+                let faces: Vec<_> = (0..only.len() as u32)
+                    .map(|i| [0, 1, 2].map(|k| 3 * i + k))
+                    .collect();
+                let camera = &view.camera;
+                rasterize(&positions, &faces, |_| true, camera, &silent, Nearest::new)?
+            }
+        };
+        let pixels = view.camera.pixels();
+        let (mut inverse_depth, mut triangle) = (vec![0.0; pixels], vec![NONE; pixels]);
+        for (tile, nearest) in &tiles {
+            copy_tile(&view, tile, &nearest.inverse_depth, &mut inverse_depth);
+            copy_tile(&view, tile, &nearest.triangle, &mut triangle);
+        }
+        if let Some(only) = &view.only {
+            let shown = triangle.iter_mut().filter(|t| **t != NONE);
+            shown.for_each(|t| *t = only[*t as usize]);
+        }
+        Ok(Maps {
+            view,
+            inverse_depth,
+            triangle,
+            lines: Vec::new(),
+            inside: Vec::new(),
+            outside: Vec::new(),
+        })
+    }
+
+    /// Draws the silhouettes into the distortion maps.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`].
+    pub fn distortion(&mut self, edges: &[Edge], geometry: &Geometry) -> Result<()> {
+        let vertices: Option<Vec<u32>> = self.view.only.as_ref().map(|only| {
+            let faces = only.iter().map(|&f| geometry.faces[f as usize]);
+            let mut vertices: Vec<u32> = faces.flatten().collect();
+            vertices.sort_unstable();
+            vertices
+        });
+        let shown = |e: &&Edge| match &vertices {
+            None => true,
+            Some(v) => e.vertices.iter().all(|end| v.binary_search(end).is_ok()),
+        };
+        self.lines = edges
+            .par_iter()
+            .filter(shown)
+            .filter_map(|e| self.line(e))
+            .collect();
+        let drawing = Drawing::new(&self.lines, &self.view);
+        let lines = &self.lines;
+        let tiles = rasterize_projected(
+            &drawing.points,
+            &drawing.bounds,
+            &drawing.faces,
+            |_| true,
+            &self.view.camera,
+            &Control::default(),
+            |tile| Distances::new(tile, lines, &drawing.line_of),
+        )?;
+        let pixels = self.view.camera.pixels();
+        (self.inside, self.outside) = (vec![NONE; pixels], vec![NONE; pixels]);
+        for (tile, found) in &tiles {
+            copy_tile(&self.view, tile, &found.lines[0], &mut self.inside);
+            copy_tile(&self.view, tile, &found.lines[1], &mut self.outside);
+        }
+        Ok(())
+    }
+
+    /// An edge in the image; `None` where it is out of sight, cannot matter, or is seen end-on.
+    fn line(&self, edge: &Edge) -> Option<Line> {
+        if edge.front + edge.back == 0 {
+            return None;
+        }
+        let camera = &self.view.camera;
+        let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
+        let [a, b] = edge.ends.map(|p| camera.project(p));
+        // Half an image around the image, which is more than its margin.
+        let (t0, t1) = clip(a, b, -0.5 * size, 1.5 * size)?;
+        let at = |t: f64| a + (b - a) * t;
+        let (p, q) = (at(t0), at(t1));
+        let (start, end) = (p.truncate() / p.z, q.truncate() / q.z);
+        let length = start.distance(end);
+        let along = (end - start) / length;
+        if !(along.is_finite() && length > 0.0) {
+            return None;
+        }
+        let (i, j) = (1.0 / p.z, 1.0 / q.z);
+        let mut line = Line {
+            start,
+            along,
+            length,
+            inverse_depth: [i, (j - i) / length],
+            inverse_far: self.view.inverse_far,
+            reach: 0.0,
+            ends: [
+                (t0 == 0.0).then_some(edge.vertices[0]),
+                (t1 == 1.0).then_some(edge.vertices[1]),
+            ],
+        };
+        line.inverse_far = self.behind(&line)?;
+        line.reach = self.width(&line, line.inverse_far) + REACH;
+        Some(line)
+    }
+
+    /// Widest penumbra, in texels, of a line on receivers down to an inverse depth.
+    fn width(&self, line: &Line, inverse_far: f64) -> f64 {
+        let end = line.start + line.along * line.length;
+        let radius = |q| {
+            self.view
+                .outline
+                .radius(line.normal(), self.view.tangents(q))
+                .0
+        };
+        let near =
+            line.inverse_depth[0].max(line.inverse_depth[0] + line.length * line.inverse_depth[1]);
+        let widest = radius(line.start).max(radius(end));
+        self.view.focal * widest * (near - inverse_far).max(0.0)
+    }
+
+    /// Inverse depth of the farthest surface that is seen behind a line on its lit side; `None` if wherever it
+    /// is looked for something hides the line from the light by more than a texel's parallax.
+    fn behind(&self, line: &Line) -> Option<f64> {
+        let most = self.width(line, self.view.inverse_far).max(FIRST_PROBE);
+        // A probe every 32 texels of a long line.
+        let places = (line.length / 32.0).clamp(1.0, 16.0) as u32;
+        let (mut inverse_far, mut open) = (f64::INFINITY, false);
+        for place in 0..places {
+            let t = line.length * (f64::from(place) + 0.5) / f64::from(places);
+            let near = line.inverse_depth[0] + t * line.inverse_depth[1];
+            let from = line.start + line.along * t;
+            let mut distance = FIRST_PROBE;
+            loop {
+                let reach = distance.min(most);
+                let Some(texel) = self.view.texel(from + line.normal() * reach) else {
+                    // Out of the map nothing is known.
+                    return Some(self.view.inverse_far);
+                };
+                let seen = self.inverse_depth[texel];
+                let (radius, _) = self
+                    .view
+                    .outline
+                    .radius(line.normal(), self.view.tangents(from));
+                if self.view.focal * radius * (seen - near) <= 1.0 {
+                    open = true;
+                    let seen = if seen > 0.0 {
+                        seen
+                    } else {
+                        self.view.inverse_far
+                    };
+                    inverse_far = inverse_far.min(seen);
+                }
+                if distance >= most {
+                    break;
+                }
+                distance *= 1.5;
+            }
+        }
+        open.then_some(inverse_far)
+    }
+
+    /// Bytes of the maps.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.inverse_depth[..])
+            + size_of_val(&self.triangle[..])
+            + size_of_val(&self.lines[..])
+            + size_of_val(&self.inside[..])
+            + size_of_val(&self.outside[..])
+    }
+}
+
+fn copy_tile<T: Copy>(view: &View, tile: &Tile, from: &[T], to: &mut [T]) {
+    let (width, columns) = (view.camera.width as usize, tile.width as usize);
+    for (row, from) in from.chunks_exact(columns).enumerate() {
+        let start = (tile.y as usize + row) * width + tile.x as usize;
+        to[start..start + columns].copy_from_slice(from);
+    }
+}
+
+/// The part of a homogeneous segment over a rectangle of the image, before the eye.
+fn clip(a: DVec3, b: DVec3, low: DVec2, high: DVec2) -> Option<(f64, f64)> {
+    let (mut t0, mut t1) = (0.0f64, 1.0f64);
+    let planes = [
+        |p: DVec3, low: DVec2, _: DVec2| p.x - low.x * p.z,
+        |p: DVec3, _: DVec2, high: DVec2| high.x * p.z - p.x,
+        |p: DVec3, low: DVec2, _: DVec2| p.y - low.y * p.z,
+        |p: DVec3, _: DVec2, high: DVec2| high.y * p.z - p.y,
+        |p: DVec3, _: DVec2, _: DVec2| p.z - NEAR,
+    ];
+    for plane in planes {
+        let (d0, d1) = (plane(a, low, high), plane(b, low, high));
+        if d0 < 0.0 && d1 < 0.0 {
+            return None;
+        }
+        if d0 < 0.0 {
+            t0 = t0.max(d0 / (d0 - d1));
+        } else if d1 < 0.0 {
+            t1 = t1.min(d0 / (d0 - d1));
+        }
+    }
+    (t0 < t1).then_some((t0, t1))
+}
+
+/// The quads and fans of all lines, for the rasteriser.
+#[derive(Default)]
+struct Drawing {
+    points: Vec<DVec3>,
+    bounds: Vec<Bounds>,
+    faces: Vec<[u32; 3]>,
+    line_of: Vec<u32>,
+}
+
+impl Drawing {
+    fn new(lines: &[Line], view: &View) -> Self {
+        let mut out = Drawing::default();
+        // Lines by the vertices that they end and start at.
+        let mut ends: Vec<(u32, bool, u32)> = Vec::with_capacity(2 * lines.len());
+        for (i, line) in lines.iter().enumerate() {
+            for (end, starts) in [(0, true), (1, false)] {
+                match line.ends[end] {
+                    Some(vertex) => ends.push((vertex, starts, i as u32)),
+                    None => out.cap(lines, i as u32, starts),
+                }
+            }
+            let side = line.normal() * line.reach;
+            let end = line.start + line.along * line.length;
+            let corners = [line.start - side, end - side, end + side, line.start + side];
+            out.triangle(i as u32, [corners[0], corners[1], corners[2]]);
+            out.triangle(i as u32, [corners[0], corners[2], corners[3]]);
+        }
+        ends.par_sort_unstable();
+        for at in ends.chunk_by(|a, b| a.0 == b.0) {
+            if let [(_, false, before), (_, true, after)] = *at {
+                out.corner(lines, before, after);
+            } else {
+                for &(_, starts, line) in at {
+                    out.cap(lines, line, starts);
+                }
+            }
+        }
+        out.bounds = out
+            .points
+            .par_iter()
+            .map(|&p| Bounds::of_vertex(p, &view.camera))
+            .collect();
+        out
+    }
+
+    fn triangle(&mut self, line: u32, corners: [DVec2; 3]) {
+        let first = self.points.len() as u32;
+        self.points.extend(corners.map(|p| p.extend(1.0)));
+        self.faces.push([first, first + 1, first + 2]);
+        self.line_of.push(line);
+    }
+
+    /// Fills a sector around a line's end, from direction `from` over an angle (signed).
+    fn sector(&mut self, line: u32, tip: DVec2, from: DVec2, angle: f64, reach: f64) {
+        let pieces = (angle.abs() / FAN).ceil().max(1.0);
+        let step = DVec2::from_angle(angle / pieces);
+        let reach = reach / (0.5 * angle / pieces).cos();
+        let mut side = from * reach;
+        for _ in 0..pieces as u32 {
+            let next = step.rotate(side);
+            self.triangle(line, [tip, tip + side, tip + next]);
+            side = next;
+        }
+    }
+
+    /// Fills the gap between two lines that follow each other, half with each.
+    fn corner(&mut self, lines: &[Line], before: u32, after: u32) {
+        let (a, b) = (&lines[before as usize], &lines[after as usize]);
+        let turn = a.along.angle_to(b.along);
+        if turn == 0.0 {
+            return;
+        }
+        // The quads part on the side away from the turn.
+        let side = if turn < 0.0 { 1.0 } else { -1.0 };
+        self.sector(before, b.start, side * a.normal(), 0.5 * turn, a.reach);
+        self.sector(after, b.start, side * b.normal(), -0.5 * turn, b.reach);
+    }
+
+    /// Fills the half disk at a line's loose end.
+    fn cap(&mut self, lines: &[Line], line: u32, starts: bool) {
+        let l = &lines[line as usize];
+        let (tip, turn) = match starts {
+            true => (l.start, std::f64::consts::PI),
+            false => (l.start + l.along * l.length, -std::f64::consts::PI),
+        };
+        self.sector(line, tip, l.normal(), turn, l.reach);
+    }
+}
+
+/// The nearest line of every texel of a tile, on the dark and the lit side.
+struct Distances<'a> {
+    tile: Tile,
+    all: &'a [Line],
+    line_of: &'a [u32],
+    distance: [Vec<f64>; 2],
+    lines: [Vec<u32>; 2],
+}
+
+impl<'a> Distances<'a> {
+    fn new(tile: Tile, all: &'a [Line], line_of: &'a [u32]) -> Self {
+        let n = (tile.width * tile.height) as usize;
+        Distances {
+            tile,
+            all,
+            line_of,
+            distance: [vec![f64::INFINITY; n], vec![f64::INFINITY; n]],
+            lines: [vec![NONE; n], vec![NONE; n]],
+        }
+    }
+}
+
+impl Sink for Distances<'_> {
+    fn span(&mut self, x: u32, y: u32, mask: u8, _: &[f64; SPAN], triangle: u32) {
+        let first = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;
+        let id = self.line_of[triangle as usize];
+        let line = &self.all[id as usize];
+        let from = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - line.start;
+        let (at, across) = (from.dot(line.along), from.dot(line.normal()));
+        let mut left = mask;
+        while left != 0 {
+            let i = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let at = at + i as f64 * line.along.x;
+            let across = across - i as f64 * line.along.y;
+            let beyond = at - at.clamp(0.0, line.length);
+            let distance = across * across + beyond * beyond;
+            if distance > line.reach * line.reach {
+                continue;
+            }
+            let side = usize::from(across > 0.0);
+            if distance < self.distance[side][first + i] {
+                self.distance[side][first + i] = distance;
+                self.lines[side][first + i] = id;
+            }
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! The soft shadow occlusion camera (Mo, Popescu and Wyman 2007).
+//!
+//! A camera at the light's centre whose rays bend around silhouettes, so that a receiver's place in the
+//! penumbra is how far it has to be moved in the image to be seen. Silhouettes are found in the geometry and
+//! drawn as quads into two distortion maps, for the two sides of the hard shadow's boundary ([`maps`]);
+//! receivers look their edge up, at a cost that does not grow with the scene ([`lookup`]). Lights within a
+//! scene get as many faces of a cube as something casts into ([`view`]).
+//!
+//! Assumptions and failures, as the paper states them: edges of one view of the scene, from the light's
+//! centre, stand for all of the light; a texel keeps one edge a side, so that where several penumbrae cross
+//! in the map (forks, foliage, large lights) some are missed and the seams show; shadows of different edges
+//! are multiplied; what is behind a thin occluder sees the light past one of its sides only. Transparent
+//! occluders cannot be modelled. The penumbra's half-width `w` is exact for a flat light and a straight
+//! edge in the view along the light's normal, and of first order in light size over distance
+//! otherwise. Receivers farther from the light than all of the scene have their penumbrae cut to the width
+//! that they have at the scene's far end.
+
+pub mod falloff;
+pub mod lookup;
+pub mod maps;
+pub mod view;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::wedges::contour::{Casters, Edge};
+use super::wedges::is_point;
+use super::{Method, Prepared, Shading};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::light::Light;
+use crate::receivers::Receivers;
+use falloff::Falloff;
+use lookup::{Lookup, MOST_STEPS};
+use maps::Maps;
+use view::{View, views};
+
+/// Bytes of a texel: inverse depth and triangle, an edge a side, and while the maps are drawn their tiles,
+/// which are as large again with a distance a side.
+const TEXEL_BYTES: usize = 20 + 36;
+
+/// Parameters of the soft shadow occlusion camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ssoc {
+    resolution: u32,
+    steps: usize,
+    falloff: Falloff,
+    interpolate: bool,
+    opaque: bool,
+}
+
+impl Ssoc {
+    /// Checks and stores the parameters: texels on the longer side of a map, repeated distortions, and whether
+    /// the four texels around a receiver are interpolated and transparent meshes count as opaque.
+    ///
+    /// # Errors
+    /// A resolution outside 16 to 16384, or steps outside 1 to [`MOST_STEPS`].
+    pub fn new(
+        resolution: i64,
+        steps: i64,
+        falloff: Falloff,
+        interpolate: bool,
+        opaque: bool,
+    ) -> Result<Self> {
+        if !(16..=16384).contains(&resolution) {
+            let reason = format!("resolution must be 16 to 16384, got {resolution}");
+            return Err(Error::parameter("Ssoc", reason));
+        }
+        if !(1..=MOST_STEPS as i64).contains(&steps) {
+            let reason = format!("steps must be 1 to {MOST_STEPS}, got {steps}");
+            return Err(Error::parameter("Ssoc", reason));
+        }
+        Ok(Ssoc {
+            resolution: resolution as u32,
+            steps: steps as usize,
+            falloff,
+            interpolate,
+            opaque,
+        })
+    }
+
+    /// The maps of one light (local), its views one after the other, and the seconds of each stage.
+    ///
+    /// # Errors
+    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    pub fn maps(
+        &self,
+        casters: &Casters,
+        edges: &[Edge],
+        light: &Light,
+        control: &Control,
+    ) -> Result<(Vec<Maps>, [f64; 2])> {
+        let geometry = casters.geometry();
+        let start = Instant::now();
+        let mut casts = vec![false; geometry.faces.len()];
+        for range in casters.face_ranges() {
+            casts[range.start as usize..range.end as usize].fill(true);
+        }
+        let views = views(light, casters, self.resolution)?;
+        check_memory(&views)?;
+        control.check()?;
+        let mut maps = Vec::with_capacity(views.len());
+        for view in views {
+            maps.push(Maps::shadow_map(view, casters, &casts)?);
+            control.check()?;
+        }
+        let shadow = start.elapsed().as_secs_f64();
+        if !is_point(light) {
+            for map in &mut maps {
+                map.distortion(edges, geometry)?;
+                control.check()?;
+            }
+        }
+        Ok((maps, [shadow, start.elapsed().as_secs_f64() - shadow]))
+    }
+}
+
+/// Asks for all memory of the maps at once, so that what cannot be had is an error.
+fn check_memory(views: &[View]) -> Result<()> {
+    let texels: usize = views.iter().map(|v| v.camera.pixels()).sum();
+    let bytes = texels.saturating_mul(TEXEL_BYTES);
+    if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
+        return Ok(());
+    }
+    let gigabytes = bytes as f64 / 1e9;
+    let reason = format!("its maps take {gigabytes:.1} GB, more than there is");
+    Err(Error::parameter("Ssoc", reason))
+}
+
+/// Of a cube's faces the one that a point is most central in.
+fn most_central(faces: &[Maps], p: DVec3) -> Option<&Maps> {
+    let off_axis = |m: &&Maps| {
+        let (q, depth) = m.view.project(p);
+        let tangent = m.view.tangents(q).abs().max_element();
+        if depth > 0.0 { tangent } else { f64::INFINITY }
+    };
+    faces
+        .iter()
+        .min_by(|a, b| off_axis(a).total_cmp(&off_axis(b)))
+}
+
+struct PreparedSsoc {
+    casters: Casters,
+    lights: Vec<Light>,
+    maps: Vec<Vec<Maps>>,
+    method: Ssoc,
+    seconds: Vec<(&'static str, f64)>,
+}
+
+impl Method for Ssoc {
+    fn name(&self) -> &'static str {
+        "ssoc"
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        let casters = Casters::new(self.name(), geometry, self.opaque)?;
+        let start = Instant::now();
+        casters.connect(false);
+        let adjacency = start.elapsed().as_secs_f64();
+        let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
+        let mut maps = Vec::with_capacity(lights.len());
+        for light in &lights {
+            control.check()?;
+            let start = Instant::now();
+            let edges = casters.silhouettes(light.center(), false);
+            silhouettes += start.elapsed().as_secs_f64();
+            let (found, [shadow, distortion]) = self.maps(&casters, &edges, light, control)?;
+            shadow_map += shadow;
+            distortion_maps += distortion;
+            maps.push(found);
+        }
+        Ok(Box::new(PreparedSsoc {
+            casters,
+            lights,
+            maps,
+            method: *self,
+            seconds: vec![
+                ("adjacency", adjacency),
+                ("silhouettes", silhouettes),
+                ("shadow map", shadow_map),
+                ("distortion maps", distortion_maps),
+            ],
+        }))
+    }
+}
+
+impl Prepared for PreparedSsoc {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+        let maps = &self.maps[light];
+        let light = &self.lights[light];
+        let lookup = Lookup {
+            geometry: self.casters.geometry(),
+            steps: self.method.steps,
+            falloff: self.method.falloff,
+            interpolate: self.method.interpolate,
+            hard: is_point(light),
+        };
+        let one = |i: usize| {
+            let (p, n) = (receivers.positions[i], receivers.normals[i]);
+            let h = light.fraction_above(p, n);
+            if h == 0.0 {
+                return 0.0;
+            }
+            let map = match &maps[..] {
+                [one] => Some(one),
+                // Faces that hold only what is behind everything come after a view that holds the rest.
+                [first, rest @ ..] if rest[0].view.only.is_some() => match first.view.holds(p) {
+                    true => Some(first),
+                    false => most_central(rest, p),
+                },
+                faces => most_central(faces, p),
+            };
+            let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
+            seen.min(h) as f32
+        };
+        let parts: Vec<Vec<f32>> = receivers
+            .group_ranges()
+            .map(|range| {
+                control.step()?;
+                Ok(range.map(one).collect())
+            })
+            .collect::<Result<_>>()?;
+        Ok(Shading {
+            visibility: parts.concat(),
+            irradiance: None,
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        self.maps.iter().flatten().map(Maps::bytes).sum()
+    }
+
+    fn seconds(&self) -> Vec<(&'static str, f64)> {
+        self.seconds.clone()
+    }
+}
