@@ -126,6 +126,9 @@ class Ssoc(Method):
     interpolate : bool
         Interpolate the lookups from the four texels around a receiver, as the paper; ``False``
         takes the one that it lies in.
+    thin : bool
+        Look for light past the other side of occluders that are thinner than the penumbra (not in
+        the paper's method; a wider search, as its Section 6 suggests).
     opacity : {"opaque"}, optional
         ``"opaque"`` lets every mesh with an opacity above 0 block all light; without, transparent
         meshes that cast are an error.
@@ -135,6 +138,7 @@ class Ssoc(Method):
     steps: int = 3
     falloff: Literal["light", "linear", "smooth"] = "light"
     interpolate: bool = True
+    thin: bool = True
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "ssoc"
@@ -200,7 +204,9 @@ class Wedges(Method):
         return _core.Method.wedges(self)
 
 
-_METHODS: dict[str, type[Method]] = {m.name: m for m in (Hard, RayTraced, ShadowVolume, Ssoc, Wedges)}
+_METHODS: dict[str, type[Method]] = {
+    m.name: m for m in (Hard, RayTraced, ShadowVolume, Ssoc, Wedges)
+}
 
 MethodLike: TypeAlias = "str | Method"
 """A method's name, or a configured method."""

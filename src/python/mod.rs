@@ -6,12 +6,14 @@
 //! - [`objects`]: scene, camera, light and method objects;
 //! - [`render`]: preparing and rendering;
 //! - [`kernels`]: the pieces, as functions from arrays to arrays;
+//! - [`ssoc`]: those of the soft shadow occlusion camera;
 //! - [`wedges`]: those of penumbra wedges.
 
 mod arrays;
 mod kernels;
 mod objects;
 mod render;
+mod ssoc;
 mod wedges;
 
 use std::any::Any;

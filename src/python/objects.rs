@@ -243,6 +243,7 @@ pub(super) struct SsocParameters {
     steps: i64,
     falloff: String,
     interpolate: bool,
+    thin: bool,
     opacity: Option<String>,
 }
 
@@ -262,6 +263,7 @@ impl SsocParameters {
             self.steps,
             falloff,
             self.interpolate,
+            self.thin,
             opaque,
         )
     }

@@ -59,6 +59,8 @@ pub struct Lookup<'a> {
     pub falloff: Falloff,
     /// Whether the four texels around a receiver are interpolated.
     pub interpolate: bool,
+    /// Whether light past the other side of thin occluders is looked for.
+    pub thin: bool,
     /// Whether the light is a point.
     pub hard: bool,
 }
@@ -200,68 +202,106 @@ impl Lookup<'_> {
         (uncovered / slope).min(apart) * sine
     }
 
+    /// What an edge, as seen from the image point `from`, does to a receiver.
+    #[inline(always)]
+    fn penumbra(&self, maps: &Maps, edge: u32, from: DVec2, receiver: &Receiver) -> Penumbra {
+        let view = &maps.view;
+        let foot = maps.lines[edge as usize].foot(from);
+        let (radius, part) = view.outline.radius(foot.normal, view.tangents(foot.point));
+        let scale = view.focal * radius;
+        let w = scale * (foot.inverse_near - receiver.inverse_depth);
+        // The silhouette goes on straight from the point nearest to where it was looked up.
+        let x = (receiver.at - foot.point).dot(foot.normal);
+        // An edge of the receiver's own surface is in front of it by rounding at most.
+        let d = view.tangents(foot.point).extend(1.0);
+        let over = receiver.normal.dot(d) > foot.inverse_near * (receiver.height + receiver.slack);
+        let before = if receiver.normal == DVec3::ZERO {
+            foot.inverse_near * (1.0 - receiver.slack * receiver.inverse_depth)
+                > receiver.inverse_depth
+        } else {
+            over && w > 0.0
+        };
+        let s = if before {
+            ((w + x) / (2.0 * w)).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
+        Penumbra {
+            x,
+            w,
+            before,
+            scale,
+            visible: self.falloff.visible(s, part, &view.outline),
+            normal: foot.normal,
+            point: foot.point,
+        }
+    }
+
+    /// Whether the receiver, moved to a place in the image, is in the hard shadow there, and whether what hides
+    /// it is within the cone of rays to the light.
+    #[inline(always)]
+    fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
+        maps.inverse_depth[texel] > receiver.inverse_depth
+            && Self::in_front(maps, texel, receiver, receiver.slack)
+    }
+
     /// Figure 5, repeated.
     fn evaluate(&self, maps: &Maps, receiver: &Receiver, start: (bool, u32)) -> f64 {
         let view = &maps.view;
         let (mut hidden, mut edge) = start;
-        // One factor a penumbra; edges of the same one are told by their normals.
-        let mut normals = [DVec2::ZERO; MOST_STEPS];
-        let mut points = [DVec2::ZERO; MOST_STEPS];
-        let mut factors = [1.0f64; MOST_STEPS];
+        if edge == NONE {
+            return if hidden { 0.0 } else { 1.0 };
+        }
+        let mut from = receiver.at;
+        // One factor a penumbra.
+        let mut known: [Option<Penumbra>; MOST_STEPS] = [None; MOST_STEPS];
         let mut edges = [NONE; MOST_STEPS];
         let mut count = 0;
         for step in 0..self.steps {
-            if edge == NONE {
+            let here = self.penumbra(maps, edge, from, receiver);
+            if !here.before {
+                // An edge behind the receiver says nothing about it.
                 break;
             }
-            let foot = maps.lines[edge as usize].foot(receiver.at);
-            let (radius, part) = view.outline.radius(foot.normal, view.tangents(foot.point));
-            let scale = view.focal * radius;
-            let w = scale * (foot.inverse_near - receiver.inverse_depth);
-            let x = foot.x;
-            let concerned = w > 0.0 && x < w;
-            if !concerned {
-                // An edge that is behind the receiver, or too far off, says nothing about it; but the
-                // drawn silhouette may be a texel off the edge.
-                hidden &= w <= 0.0 || x > w + DRAWN;
+            if here.x >= here.w {
+                // Nor does one that is too far off; but the drawn silhouette may be a texel off the edge.
+                hidden &= step == 0 && here.x > here.w + DRAWN;
                 break;
             }
-            let s = self
-                .falloff
-                .visible(((w + x) / (2.0 * w)).max(0.0), part, &view.outline);
-            if s == 0.0 {
-                return 0.0;
-            }
-            let same = (0..count).find(|&k| {
-                let apart = points[k].distance(foot.point);
-                normals[k].dot(foot.normal) > SAME || apart <= CLOSE + 0.25 * w
-            });
-            let k = same.unwrap_or(count);
-            factors[k] = if same.is_some() { factors[k].min(s) } else { s };
-            (normals[k], points[k]) = (foot.normal, foot.point);
-            count = count.max(k + 1);
             edges[step] = edge;
-            let distortion = 0.5 * (w - x);
-            let distorted = receiver.at + foot.normal * distortion;
-            let Some(texel) = view.texel(distorted) else {
+            let same = |k: &Option<Penumbra>| k.is_some_and(|k| k.same(&here));
+            let k = known[..count].iter().position(same).unwrap_or(count);
+            let mut kept = here;
+            if let Some(before) = known[k].filter(|_| k < count) {
+                kept.visible = kept.visible.min(before.visible);
+            }
+            known[k] = Some(kept);
+            count = count.max(k + 1);
+            if here.visible == 0.0 {
+                break;
+            }
+            let distortion = 0.5 * (here.w - here.x);
+            from = receiver.at + here.normal * distortion;
+            let Some(texel) = view.texel(from) else {
                 hidden = false;
                 break;
             };
-            let seen = maps.inverse_depth[texel];
-            let within = scale * (seen - receiver.inverse_depth) >= distortion;
-            hidden = within && Self::in_front(maps, texel, receiver, receiver.slack);
+            hidden = Self::hidden_at(maps, texel, receiver);
             let next = if hidden {
                 maps.inside[texel]
             } else {
                 maps.outside[texel]
             };
             if next == NONE {
+                // What is beside the cone to the light hides nothing.
+                let seen = maps.inverse_depth[texel] - receiver.inverse_depth;
+                hidden &= here.scale * seen >= distortion || step == 0 && start.0;
                 break;
             }
-            // The drawing of the same silhouette may still cover the distorted point, by its rounding.
-            let line = &maps.lines[next as usize];
-            let close = line.foot(receiver.at).point.distance(foot.point) <= CLOSE + 0.25 * w;
-            if close && hidden && line.foot(distorted).x > -DRAWN {
+            let foot = maps.lines[next as usize].foot(from);
+            if hidden && foot.x > -DRAWN && foot.point.distance(here.point) <= CLOSE + 0.25 * here.w
+            {
+                // The drawing of the same silhouette covers the distorted point by its rounding.
                 hidden = false;
                 break;
             }
@@ -270,10 +310,68 @@ impl Lookup<'_> {
             }
             edge = next;
         }
-        if hidden {
+        if hidden && count < self.steps {
             return 0.0;
         }
-        factors[..count].iter().product()
+        let product = known[..count]
+            .iter()
+            .flatten()
+            .map(|k| k.visible)
+            .product::<f64>();
+        match known[0] {
+            Some(first) if self.thin => (product + self.past(maps, receiver, &first)).min(1.0),
+            _ => product,
+        }
+    }
+
+    /// What a receiver sees past the other side of a thin occluder: beyond an edge in the part of the light
+    /// that the first edge alone would hide.
+    fn past(&self, maps: &Maps, receiver: &Receiver, first: &Penumbra) -> f64 {
+        let from = receiver.at - first.normal * (0.5 * (first.w + first.x));
+        let Some(texel) = maps.view.texel(from) else {
+            return 0.0;
+        };
+        let hidden = Self::hidden_at(maps, texel, receiver);
+        let edge = if hidden {
+            maps.inside[texel]
+        } else {
+            maps.outside[texel]
+        };
+        if edge == NONE {
+            return 0.0;
+        }
+        let other = self.penumbra(maps, edge, from, receiver);
+        if other.before && other.normal.dot(first.normal) < -SAME {
+            other.visible
+        } else {
+            0.0
+        }
+    }
+}
+
+/// What an edge does to a receiver.
+#[derive(Clone, Copy)]
+struct Penumbra {
+    /// Distance from the edge in texels, positive on its lit side.
+    x: f64,
+    /// Half-width in texels.
+    w: f64,
+    /// Half-width at an inverse depth of 1 before the receiver.
+    scale: f64,
+    /// Whether the edge is before the receiver at all.
+    before: bool,
+    /// The part of the light that the edge leaves.
+    visible: f64,
+    normal: DVec2,
+    point: DVec2,
+}
+
+impl Penumbra {
+    /// Whether two edges are of one silhouette, or of nested ones, so that only the darker counts: by their
+    /// normals, or by their places.
+    fn same(&self, other: &Penumbra) -> bool {
+        self.normal.dot(other.normal) > SAME
+            || self.point.distance(other.point) <= CLOSE + 0.25 * self.w.min(other.w)
     }
 }
 

@@ -9,8 +9,8 @@
 //! Assumptions and failures, as the paper states them: edges of one view of the scene, from the light's
 //! centre, stand for all of the light; a texel keeps one edge a side, so that where several penumbrae cross
 //! in the map (forks, foliage, large lights) some are missed and the seams show; shadows of different edges
-//! are multiplied; what is behind a thin occluder sees the light past one of its sides only. Transparent
-//! occluders cannot be modelled. The penumbra's half-width `w` is exact for a flat light and a straight
+//! are multiplied. Beside the paper, light past the far side of a thin occluder is looked for in the
+//! maps (its Section 6, a wider search). Transparent occluders cannot be modelled. The penumbra's half-width `w` is exact for a flat light and a straight
 //! edge in the view along the light's normal, and of first order in light size over distance
 //! otherwise. Receivers farther from the light than all of the scene have their penumbrae cut to the width
 //! that they have at the scene's far end.
@@ -50,12 +50,14 @@ pub struct Ssoc {
     steps: usize,
     falloff: Falloff,
     interpolate: bool,
+    thin: bool,
     opaque: bool,
 }
 
 impl Ssoc {
     /// Checks and stores the parameters: texels on the longer side of a map, repeated distortions, and whether
-    /// the four texels around a receiver are interpolated and transparent meshes count as opaque.
+    /// the four texels around a receiver are interpolated, light past the other side of thin occluders is
+    /// looked for, and transparent meshes count as opaque.
     ///
     /// # Errors
     /// A resolution outside 16 to 16384, or steps outside 1 to [`MOST_STEPS`].
@@ -64,6 +66,7 @@ impl Ssoc {
         steps: i64,
         falloff: Falloff,
         interpolate: bool,
+        thin: bool,
         opaque: bool,
     ) -> Result<Self> {
         if !(16..=16384).contains(&resolution) {
@@ -79,6 +82,7 @@ impl Ssoc {
             steps: steps as usize,
             falloff,
             interpolate,
+            thin,
             opaque,
         })
     }
@@ -203,6 +207,7 @@ impl Prepared for PreparedSsoc {
             steps: self.method.steps,
             falloff: self.method.falloff,
             interpolate: self.method.interpolate,
+            thin: self.method.thin,
             hard: is_point(light),
         };
         let one = |i: usize| {

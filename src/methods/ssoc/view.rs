@@ -207,7 +207,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
     let flat = light.normal().is_some();
     let extent = |rotation: DMat3, limit: f64, counts: &(dyn Fn(u32) -> bool + Sync)| {
         casters
-            .faces()
+            .face_ids()
             .filter(|&face| counts(face))
             .map(|face| {
                 let corners = geometry.corners(face).map(|v| v.as_dvec3() - eye);
@@ -306,7 +306,7 @@ fn middle_of(casters: &Casters) -> Option<DVec3> {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let geometry = casters.geometry();
     let (low, high) = casters
-        .faces()
+        .face_ids()
         .map(|f| {
             let [a, b, c] = geometry.corners(f).map(|v| v.as_dvec3());
             (a.min(b).min(c), a.max(b).max(c))
@@ -356,7 +356,7 @@ fn backstops(casters: &Casters, eye: DVec3) -> Vec<u32> {
     // Less far behind than a receiver has to be to be hidden.
     let before = |p: DVec3, n: DVec3, a: DVec3| n.dot(p - a) >= -POINT_OFFSET;
     let candidates: Vec<u32> = casters
-        .faces()
+        .face_ids()
         .filter(|&f| plane(f).is_some_and(|(n, a)| extremes.iter().all(|&p| before(p, n, a))))
         .collect();
     if candidates.len().saturating_mul(positions.len()) > COMPARISONS {
