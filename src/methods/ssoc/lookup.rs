@@ -376,8 +376,10 @@ impl Penumbra {
 }
 
 /// Direction through a texel's centre, of depth 1, in the view's coordinates.
+#[inline(always)]
 fn direction(maps: &Maps, texel: usize) -> DVec3 {
-    let width = maps.view.camera.width as usize;
-    let center = DVec2::new((texel % width) as f64, (texel / width) as f64) + 0.5;
+    // In 32 bits, half as long.
+    let (texel, width) = (texel as u32, maps.view.camera.width);
+    let center = DVec2::new(f64::from(texel % width), f64::from(texel / width)) + 0.5;
     maps.view.tangents(center).extend(1.0)
 }

@@ -11,7 +11,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3, DVec4, Vec3};
 use rayon::prelude::*;
 
 use crate::camera::Camera;
@@ -32,6 +32,9 @@ const MARGIN: f64 = 1.0;
 /// milliseconds: a ground of many triangles makes the view wider instead.
 const COMPARISONS: usize = 1 << 24;
 
+/// Triangles that one task measures: enough to outweigh a task.
+const CHUNK: usize = 4096;
+
 /// How much coarser their faces are: what they cast on are points off every surface.
 const COARSER: u32 = 8;
 
@@ -42,6 +45,8 @@ pub struct View {
     pub camera: Camera,
     /// Focal length in texels.
     pub focal: f64,
+    /// Its reciprocal.
+    pub texel_size: f64,
     /// The light as seen along this view.
     pub outline: Outline,
     /// Inverse depth of the farthest surface in the scene.
@@ -111,7 +116,7 @@ impl View {
     #[inline(always)]
     pub fn tangents(&self, q: DVec2) -> DVec2 {
         let k = &self.camera.intrinsics.z_axis;
-        (q - DVec2::new(k.x, k.y)) / self.focal
+        (q - DVec2::new(k.x, k.y)) * self.texel_size
     }
 
     /// Whether a local point is in the view.
@@ -163,16 +168,22 @@ impl Extent {
         self.near == f64::INFINITY && !self.open
     }
 
-    /// Of a triangle, cut to `|x|, |y| <= limit z` as far as its corners tell.
-    fn of(corners: [DVec3; 3], limit: f64) -> Extent {
-        let out = |f: &dyn Fn(DVec3) -> bool| corners.iter().all(|&p| f(p));
-        if out(&|p| p.z <= 0.0)
-            || out(&|p| p.x > limit * p.z)
-            || out(&|p| p.x < -limit * p.z)
-            || out(&|p| p.y > limit * p.z)
-            || out(&|p| p.y < -limit * p.z)
-        {
-            return Extent::NONE;
+    /// Of a triangle, cut to `|x|, |y| <= limit z` as far as its corners tell; with no limit, what is beside or
+    /// behind the eye counts too.
+    #[inline(always)]
+    fn of(corners: [DVec3; 3], limit: Option<f64>) -> Extent {
+        let [a, b, c] = corners;
+        if let Some(limit) = limit {
+            // Positive beyond the side planes; beyond one of them with all corners, nothing is within.
+            let beyond = |p: DVec3| {
+                let (right, down) = (limit * p.z - p.x, limit * p.z - p.y);
+                let (left, up) = (limit * p.z + p.x, limit * p.z + p.y);
+                DVec4::new(right, left, down, up)
+            };
+            let nearest = beyond(a).max(beyond(b)).max(beyond(c));
+            if nearest.min_element() < 0.0 || a.z.max(b.z).max(c.z) <= 0.0 {
+                return Extent::NONE;
+            }
         }
         let mut extent = Extent::NONE;
         for p in corners {
@@ -201,23 +212,24 @@ fn look(along: DVec3) -> DMat3 {
 pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<View>> {
     let geometry = casters.geometry();
     let eye = light.center();
+    let everything: Vec<u32> = casters.face_ranges().flatten().collect();
     let middle = middle_of(casters).unwrap_or(eye);
     let axis = light.normal().or((middle - eye).try_normalize());
     let rotation = look(axis.unwrap_or(DVec3::Z));
     let flat = light.normal().is_some();
-    let extent = |rotation: DMat3, limit: f64, counts: &(dyn Fn(u32) -> bool + Sync)| {
-        casters
-            .face_ids()
-            .filter(|&face| counts(face))
-            .map(|face| {
-                let corners = geometry.corners(face).map(|v| v.as_dvec3() - eye);
-                // What is behind a flat light hides none of it.
-                let behind = |p: &DVec3| axis.is_some_and(|a| a.dot(*p) <= 0.0);
-                if flat && corners.iter().all(behind) {
-                    return Extent::NONE;
-                }
-                Extent::of(corners.map(|p| rotation * p), limit)
-            })
+    // What is behind a flat light hides none of it.
+    let front = light.normal().unwrap_or_default();
+    let extent = |rotation: DMat3, limit: Option<f64>, faces: &[u32]| {
+        let of = |&face: &u32| {
+            let corners = geometry.corners(face).map(|v| v.as_dvec3() - eye);
+            if flat && corners.iter().all(|p| front.dot(*p) <= 0.0) {
+                return Extent::NONE;
+            }
+            Extent::of(corners.map(|p| rotation * p), limit)
+        };
+        let parts = faces.par_chunks(CHUNK);
+        parts
+            .map(|faces| faces.iter().map(of).fold(Extent::NONE, Extent::union))
             .reduce(|| Extent::NONE, Extent::union)
     };
     let far = geometry
@@ -242,43 +254,40 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
         Ok(View {
             camera: Camera::new(k, rotation.transpose(), eye, w, h)?,
             focal,
+            texel_size: 1.0 / focal,
             outline: Outline::new(light, rotation),
             inverse_far: 1.0 / far,
             only,
         })
     };
-    let behind_nothing = backstops(casters, eye);
-    let foremost = |face: u32| behind_nothing.binary_search(&face).is_err();
-    let everything = |_: u32| true;
-    // Nothing is cut away here: whether all fits is the question.
-    let main = extent(rotation, f64::INFINITY, &foremost);
-    let main_fits = in_front(casters, eye, axis, flat, &foremost);
+    let (foremost, behind_nothing) = split(casters, eye);
+    let (mut resolution, mut faces, mut only) = (resolution, &everything[..], None);
+    let main = extent(rotation, None, &foremost);
     let mut out = Vec::new();
-    let (mut resolution, mut only) = (resolution, None);
-    if main.is_empty() && main_fits && behind_nothing.is_empty() {
+    if everything.is_empty() {
         return Ok(out);
     }
     let tangent = main.low.abs().max(main.high.abs()).max_element();
     // A texel and more around what casts, however small it is.
     let texel = (main.high - main.low).max_element() * 2.0 / f64::from(resolution);
     let border = margin(main.near) * (1.0 + tangent) + texel;
-    if !main.is_empty() && main_fits && tangent + border <= WIDEST && border > 0.0 {
+    if !main.is_empty() && !main.open && tangent + border <= WIDEST && border > 0.0 {
         let (low, high) = (main.low - border, main.high + border);
         out.push(make(resolution, rotation, low, high, None)?);
-        let all = extent(rotation, f64::INFINITY, &everything);
-        let held = all.low.cmpge(low).all() && all.high.cmple(high).all();
-        if held && in_front(casters, eye, axis, flat, &everything) {
+        let rest = extent(rotation, None, &behind_nothing);
+        let held = rest.low.cmpge(low).all() && rest.high.cmple(high).all();
+        if held && !rest.open {
             return Ok(out);
         }
         resolution = (resolution / COARSER).max(16);
-        only = Some(Arc::from(&behind_nothing[..]));
+        faces = &behind_nothing;
+        only = Some(Arc::from(faces));
     }
-    let counts = |face: u32| only.is_none() || !foremost(face);
     let base = rotation.transpose();
     for k in 0..3 {
         for sign in [1.0, -1.0] {
             let rotation = look_face(base, 2 - k, sign);
-            let seen = extent(rotation, 1.0 + MARGIN, &counts);
+            let seen = extent(rotation, Some(1.0 + MARGIN), faces);
             if seen.is_empty() {
                 continue;
             }
@@ -315,39 +324,16 @@ fn middle_of(casters: &Casters) -> Option<DVec3> {
     (low.x <= high.x).then(|| 0.5 * (low + high))
 }
 
-/// Whether all that casts (and is not behind a flat light) lies before the eye.
-fn in_front(
-    casters: &Casters,
-    eye: DVec3,
-    axis: Option<DVec3>,
-    flat: bool,
-    counts: &(dyn Fn(u32) -> bool + Sync),
-) -> bool {
-    let Some(axis) = axis else { return false };
-    let geometry = casters.geometry();
-    casters.face_ids().filter(|&f| counts(f)).all(|f| {
-        let depth = geometry.corners(f).map(|v| axis.dot(v.as_dvec3() - eye));
-        depth.iter().all(|d| *d > 0.0) || flat && depth.iter().all(|d| *d <= 0.0)
-    })
-}
-
-/// The triangles that cast and have no vertex of the scene behind them as `eye` sees it, unless they are many.
-fn backstops(casters: &Casters, eye: DVec3) -> Vec<u32> {
+/// What casts, without and only those triangles that have no vertex of the scene behind them as `eye` sees it.
+/// There are none of the latter if they are too many.
+fn split(casters: &Casters, eye: DVec3) -> (Vec<u32>, Vec<u32>) {
     let geometry = casters.geometry();
     let positions = &geometry.positions;
-    if !geometry.spheres.is_empty() || positions.is_empty() {
-        return Vec::new();
+    let all = || (casters.face_ranges().flatten().collect(), Vec::new());
+    if !geometry.spheres.is_empty() {
+        return all();
     }
-    // Extreme vertices along a few directions rule almost all triangles out.
-    let mut extremes = Vec::with_capacity(26);
-    for code in 0..27 {
-        let d = DVec3::new((code % 3) as f64, (code / 3 % 3) as f64, (code / 9) as f64) - 1.0;
-        let d = d.as_vec3();
-        let farthest = positions
-            .par_iter()
-            .max_by(|a, b| d.dot(**a).total_cmp(&d.dot(**b)));
-        extremes.extend(farthest.map(|p| p.as_dvec3()));
-    }
+    let extremes = extremes(positions);
     let plane = |face: u32| {
         let [a, b, c] = geometry.corners(face).map(|v| v.as_dvec3());
         let n = (b - a).cross(c - a).try_normalize()?;
@@ -355,16 +341,48 @@ fn backstops(casters: &Casters, eye: DVec3) -> Vec<u32> {
     };
     // Less far behind than a receiver has to be to be hidden.
     let before = |p: DVec3, n: DVec3, a: DVec3| n.dot(p - a) >= -POINT_OFFSET;
-    let candidates: Vec<u32> = casters
-        .face_ids()
-        .filter(|&f| plane(f).is_some_and(|(n, a)| extremes.iter().all(|&p| before(p, n, a))))
-        .collect();
+    let candidate =
+        |face: u32| plane(face).is_some_and(|(n, a)| extremes.iter().all(|&p| before(p, n, a)));
+    let candidates: Vec<u32> = casters.face_ids().filter(|&f| candidate(f)).collect();
     if candidates.len().saturating_mul(positions.len()) > COMPARISONS {
-        return Vec::new();
+        return all();
     }
-    let nothing = |&f: &u32| {
-        let Some((n, a)) = plane(f) else { return false };
-        positions.par_iter().all(|p| before(p.as_dvec3(), n, a))
+    let nothing = |f: &u32| {
+        let Some((n, a)) = plane(*f) else {
+            return false;
+        };
+        positions.iter().all(|p| before(p.as_dvec3(), n, a))
     };
-    candidates.into_iter().filter(nothing).collect()
+    let last: Vec<u32> = candidates.into_par_iter().filter(nothing).collect();
+    let first = casters.face_ranges().flatten();
+    (
+        first.filter(|f| last.binary_search(f).is_err()).collect(),
+        last,
+    )
+}
+
+/// Extreme positions along the axes and the diagonals: they rule almost all triangles out.
+fn extremes(positions: &[Vec3]) -> Vec<DVec3> {
+    let signs = |x: i32, y: i32, z: i32| Vec3::new(x as f32, y as f32, z as f32);
+    let directions = [
+        signs(1, 0, 0),
+        signs(0, 1, 0),
+        signs(0, 0, 1),
+        signs(1, 1, 1),
+        signs(1, 1, -1),
+        signs(1, -1, 1),
+        signs(-1, 1, 1),
+    ];
+    let both = directions.par_iter().flat_map_iter(|&d| [d, -d]);
+    both.filter_map(|d| {
+        let (mut most, mut found) = (f32::NEG_INFINITY, None);
+        for p in positions {
+            let along = d.dot(*p);
+            if along > most {
+                (most, found) = (along, Some(p.as_dvec3()));
+            }
+        }
+        found
+    })
+    .collect()
 }
