@@ -32,13 +32,13 @@ def _errors(setup, method):
 @pytest.mark.parametrize(
     ("kind", "size", "turn", "tolerance"),
     [
-        # Flat lights: the map's view is along their normal, and the penumbra exact but for the f32 output.
+        # Flat lights: the map's view is along their normal, and the penumbra exact but for float32.
         ("rect", 0.4, 0, 1e-6),
         ("rect", 0.4, 30, 1e-6),
         ("rect", 0.4, 45, 1e-6),
         ("disk", 0.4, 0, 1e-6),
-        # A sphere is taken for the disk that faces the map: first order in its size over the distance to
-        # the blocker, here a fifth (measured: 0.0043).
+        # A sphere is taken for the disk that faces the map: first order in its size over the
+        # distance to the blocker, here a fifth (measured: 0.0043).
         ("sphere", 0.2, 0, 0.006),
     ],
 )
@@ -59,7 +59,8 @@ def test_the_falloffs_meet_at_both_ends_and_in_the_middle():
     }
     for ends in (0.0, 1.0):
         assert np.array_equal(images["linear"] == ends, images["smooth"] == ends)
-    # A disk's area beyond a line lies between the paper's polynomial and a line: 0.0394 and 0.0577 away.
+    # A disk's area beyond a line lies between the paper's polynomial and a line: 0.0394 and 0.0577
+    # away.
     assert 0.039 < np.abs(images["light"] - images["smooth"]).max() < 0.04
     assert 0.05 < np.abs(images["light"] - images["linear"]).max() < 0.058
 
@@ -70,7 +71,7 @@ def test_points_and_pixels_get_the_same():
     at = image.mask
     normals = np.asarray(image.normal[at], dtype=np.float64)
     found = ss.visibility(setup.scene, image.position[at], normals, setup.light, "ssoc")
-    # Normals of an image are single precision: on a surface that is seen almost edge-on from the light a
+    # Normals of an image are single precision: on a surface that the light sees almost edge-on, a
     # few pixels may fall on the other side of what hides them.
     assert (np.abs(found - image.visibility[at]) > 1e-3).mean() < 1e-3
 
@@ -78,7 +79,7 @@ def test_points_and_pixels_get_the_same():
 # ---------------------------------------------------------------- against the reference
 
 SCENES = {
-    # The measured errors are in docs/methods/ssoc.md; the bounds are those that the method is held to.
+    # The measured errors are in docs/methods/ssoc.md; the bounds are what the method is held to.
     "bunny": lambda: ss.scenes.bunny_on_plane(192, 192, "sphere", 0.2),
     "closed solids": lambda: ss.scenes.closed_solids(192, 192, "sphere", 0.2, detail=3),
     "two cylinders": lambda: ss.scenes.two_cylinders(192, 192),
@@ -162,8 +163,8 @@ def test_a_light_of_radius_zero_tends_to_hard_shadows(kind):
     for size in (0.0, 1e-4):
         s = setup(size)
         image = ss.render(s.scene, s.camera, s.light, ss.Ssoc(resolution=2048))
-        # A point is the shadow map's staircase (measured: 2.2e-4); a small light has the edges themselves
-        # (2.7e-5).
+        # A point is the shadow map's staircase (measured: 2.2e-4); a small light has the edges
+        # themselves (2.7e-5).
         assert np.abs(image.visibility - hard)[image.mask].mean() < (1e-4 if size else 5e-4)
 
 

@@ -416,8 +416,9 @@ class OcclusionMaps:
         inf where there is none.
     inside, outside : ndarray, shape (H, W, 6), float32
         The distortion maps of the dark and of the lit side of silhouettes. Channels: column and row
-        of the nearest silhouette point, in texels; the silhouette's unit normal there, in the image,
-        to the lit side; ``z_near`` of the edge and ``z_far`` of what lies behind it, world units.
+        of the nearest silhouette point, in texels; the silhouette's unit normal there, in the
+        image, to the lit side; ``z_near`` of the edge and ``z_far`` of what lies behind it, world
+        units.
         All 0 where no silhouette is near enough to matter.
     """
 

@@ -29,3 +29,53 @@ impl Falloff {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn the_lights_falloff_is_the_area_of_its_samples_beyond_the_line() {
+        let n = 1000;
+        let at = |i: i32| (f64::from(i) + 0.5) / f64::from(n) - 0.5;
+        for part in [0.0, 0.1, 0.5] {
+            let outline = Outline::Rect(DVec3::X, DVec3::Y);
+            for s in [0.03, 0.3, 0.5, 0.8, 1.0] {
+                let beyond = |i: i32, j: i32| (1.0 - part) * at(i) + part * at(j) + 0.5 < s;
+                let count = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
+                let count = count.filter(|&(i, j)| beyond(i, j)).count();
+                let expected = count as f64 / f64::from(n * n);
+                let found = Falloff::Light.visible(s, part, &outline);
+                // The grid's cells on the line: one in a row.
+                assert!(
+                    (found - expected).abs() < 2e-3,
+                    "{part} {s}: {found} {expected}"
+                );
+            }
+        }
+        let disk = Outline::Sphere(1.0);
+        let samples = (0..n).flat_map(|i| (0..n).map(move |j| (2.0 * at(i), 2.0 * at(j))));
+        let inside: Vec<f64> = samples
+            .filter(|(x, y)| x * x + y * y < 1.0)
+            .map(|p| p.0)
+            .collect();
+        for s in [0.1, 0.5, 0.75] {
+            let count = inside.iter().filter(|x| **x < 2.0 * s - 1.0).count();
+            let found = Falloff::Light.visible(s, 0.0, &disk);
+            assert!((found - count as f64 / inside.len() as f64).abs() < 2e-3);
+        }
+    }
+
+    #[test]
+    fn every_falloff_runs_from_dark_to_lit_through_one_half() {
+        let outlines = [Outline::Sphere(1.0), Outline::Rect(DVec3::X, DVec3::Y)];
+        for falloff in [Falloff::Light, Falloff::Linear, Falloff::Smooth] {
+            for outline in &outlines {
+                let value = |s| falloff.visible(s, 0.3, outline);
+                assert_eq!(value(1.0), 1.0);
+                assert!(value(0.0).abs() < 1e-15 && (value(0.5) - 0.5).abs() < 1e-15);
+            }
+        }
+    }
+}

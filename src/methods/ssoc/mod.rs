@@ -249,3 +249,95 @@ impl Prepared for PreparedSsoc {
         self.seconds.clone()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::nearest::NONE;
+    use crate::scene::{Material, Scene};
+    use glam::DVec2;
+
+    const LOOKS: Material = Material {
+        albedo: [1.0; 3],
+        opacity: 1.0,
+        casts: true,
+        receives: true,
+    };
+
+    /// A star with deep notches over a ground.
+    fn star() -> Casters {
+        let mut scene = Scene::default();
+        let rim = (0..14).map(|i| {
+            let angle = std::f64::consts::TAU * f64::from(i) / 14.0;
+            let radius = if i % 2 == 0 { 0.6 } else { 0.25 };
+            DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.5)
+        });
+        let vertices = std::iter::once(DVec3::new(0.0, 0.0, 0.5))
+            .chain(rim)
+            .collect();
+        let faces: Vec<[i64; 3]> = (0..14).map(|i| [0, 1 + i, 1 + (i + 1) % 14]).collect();
+        scene.add_mesh("star", vertices, &faces, LOOKS).unwrap();
+        let corner = |x: f64, y: f64| DVec3::new(x, y, 0.0);
+        let ground = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(0.0, 1.5)];
+        scene
+            .add_mesh("ground", ground, &[[0, 1, 2]], LOOKS)
+            .unwrap();
+        Casters::new("ssoc", scene.geometry().unwrap(), false).unwrap()
+    }
+
+    fn maps(casters: &Casters, light: &Light) -> Vec<Maps> {
+        let light = light.to_local(&casters.geometry().frame);
+        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false).unwrap();
+        let edges = casters.silhouettes(light.center(), false);
+        let found = method.maps(casters, &edges, &light, &Control::default());
+        found.unwrap().0
+    }
+
+    #[test]
+    fn every_texel_holds_the_nearest_edge_on_each_side() {
+        let casters = star();
+        let center = DVec3::new(0.1, -0.2, 2.0);
+        let light = Light::disk(center, DVec3::NEG_Z, 0.3, [1.0; 3]).unwrap();
+        let map = &maps(&casters, &light)[0];
+        assert_eq!(map.lines.len(), 14 + 3);
+        let width = map.view.camera.width as usize;
+        let mut known = [0, 0];
+        for texel in 0..map.view.camera.pixels() {
+            let q = DVec2::new((texel % width) as f64, (texel / width) as f64) + 0.5;
+            let all = map.lines.iter().map(|l| (l.foot(q).x.abs(), l.reach));
+            let distance = all.clone().map(|l| l.0).fold(f64::INFINITY, f64::min);
+            // At a corner two edges are as near, and each fills half of the fan.
+            let tied = all.filter(|l| l.0 < distance + 1e-9);
+            let reach = tied.map(|l| l.1).fold(f64::INFINITY, f64::min);
+            let found = [map.inside[texel], map.outside[texel]];
+            let x = found.map(|line| match line {
+                NONE => f64::INFINITY,
+                line => map.lines[line as usize].foot(q).x.abs(),
+            });
+            if distance < reach - 1e-9 {
+                // One side has it, exactly; the other side has nothing or something farther.
+                assert!(
+                    (x[0].min(x[1]) - distance).abs() < 1e-9,
+                    "texel {texel}: {x:?} {distance}"
+                );
+                let side = usize::from(x[1] < x[0]);
+                known[side] += 1;
+            }
+        }
+        assert!(known[0] > 1000 && known[1] > 1000, "{known:?}");
+    }
+
+    #[test]
+    fn a_light_amid_what_casts_gets_the_faces_that_are_needed() {
+        let casters = star();
+        let views = |light: &Light| maps(&casters, light).len();
+        // Above: a view of the star, and coarser faces for the ground, which reaches beyond it.
+        let above = Light::sphere(DVec3::new(0.0, 0.0, 4.0), 0.1, [1.0; 3]).unwrap();
+        assert!((1..=2).contains(&views(&above)));
+        let between = Light::sphere(DVec3::new(0.0, 0.0, 0.2), 0.05, [1.0; 3]).unwrap();
+        assert_eq!(views(&between), 6);
+        // A flat light faces one of the two.
+        let down = Light::disk(DVec3::new(0.0, 0.0, 0.2), DVec3::NEG_Z, 0.05, [1.0; 3]).unwrap();
+        assert!(views(&down) < 6);
+    }
+}
