@@ -9,9 +9,9 @@
 //! What hides a receiver is decided by planes, not by a bias: at the receiver's own place in the image it must
 //! be behind the plane of the nearest triangle, and the point that the texel saw in front of the receiver's
 //! tangent plane, each by more than the rounding of coordinates. That leaves no shadow of a surface on itself
-//! at convex and concave creases alike, however large the texel. At a distorted place, what the texel
-//! saw must be in front of the tangent plane and within the cone of rays from the receiver to the
-//! light, `f r (1 / z - 1 / p_z) >= |distortion|`.
+//! at convex and concave creases alike, however large the texel. At a distorted place, what the texel saw must
+//! be nearer to the light than the receiver and in front of its tangent plane; where no edge is known there, also
+//! within the cone of rays from the receiver to the light, `f r (1 / z - 1 / p_z) >= |distortion|`.
 
 use glam::{DVec2, DVec3};
 
@@ -237,8 +237,7 @@ impl Lookup<'_> {
         }
     }
 
-    /// Whether the receiver, moved to a place in the image, is in the hard shadow there, and whether what hides
-    /// it is within the cone of rays to the light.
+    /// Whether the receiver, moved to a place in the image, is in the hard shadow there.
     #[inline(always)]
     fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
         maps.inverse_depth[texel] > receiver.inverse_depth
