@@ -1,6 +1,6 @@
 //! The pinhole views of a light, and how a light looks in them.
 //!
-//! One view holds everything that casts where it lies in front of the light within [`WIDEST`]; otherwise
+//! One view holds everything that casts where it lies in front of the light within `WIDEST`; otherwise
 //! there are up to six faces of a cube, those that something casts into. For a flat light the views look
 //! along its normal, so that its points differ only across the view, and the penumbra of a straight edge is
 //! exact.
