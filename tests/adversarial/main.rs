@@ -1,0 +1,100 @@
+//! Hard cases for the core's promises: exact occlusion, culling that changes no bit, finite answers to
+//! any finite question, and a rasteriser that neither drops nor doubles a pixel.
+
+mod culling;
+mod extremes;
+mod rasterizer;
+mod segments;
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use softshadow::control::Control;
+use softshadow::geometry::Geometry;
+use softshadow::light::Light;
+use softshadow::methods::ray_traced::RayTraced;
+use softshadow::methods::{Method, Shading};
+use softshadow::receivers::Receivers;
+use softshadow::scene::{Material, Scene};
+
+const OPAQUE: Material = Material {
+    albedo: [0.8; 3],
+    opacity: 1.0,
+    casts: true,
+    receives: true,
+};
+const NO_CASTER: Material = Material {
+    casts: false,
+    ..OPAQUE
+};
+
+fn vec(x: f64, y: f64, z: f64) -> DVec3 {
+    DVec3::new(x, y, z)
+}
+
+struct Random(u64);
+
+impl Random {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// In [0, 1).
+    fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn point(&mut self) -> DVec3 {
+        let mut x = || 2.0 * self.unit() - 1.0;
+        vec(x(), x(), x())
+    }
+
+    fn below(&mut self, n: u64) -> i64 {
+        (self.bits() % n) as i64
+    }
+
+    fn lattice(&mut self, n: u64) -> DVec3 {
+        vec(
+            self.below(n) as f64,
+            self.below(n) as f64,
+            self.below(n) as f64,
+        )
+    }
+}
+
+/// Vertices, faces and look of a mesh.
+type Part<'a> = (&'a [DVec3], &'a [[i64; 3]], Material);
+
+/// A scene with these meshes, and one that casts nothing and fixes the scale.
+fn scene(meshes: &[Part], size: f64) -> Arc<Geometry> {
+    let mut scene = Scene::default();
+    for (i, (vertices, faces, material)) in meshes.iter().enumerate() {
+        let (name, vertices) = (format!("mesh {i}"), vertices.to_vec());
+        scene.add_mesh(&name, vertices, faces, *material).unwrap();
+    }
+    let frame = vec![
+        DVec3::splat(-size),
+        DVec3::splat(size),
+        vec(-size, size, 0.0),
+    ];
+    scene
+        .add_mesh("frame", frame, &[[0, 1, 2]], NO_CASTER)
+        .unwrap();
+    scene.geometry().unwrap()
+}
+
+fn shade(geometry: &Arc<Geometry>, light: Light, at: &Receivers, n: i64, cull: bool) -> Shading {
+    let control = Control::default();
+    let method = RayTraced::new(n, 3, false, cull).unwrap();
+    let prepared = method
+        .prepare(geometry.clone(), &[light], &control)
+        .unwrap();
+    prepared.shade(at, 0, &control).unwrap()
+}
+
+fn bits(values: &[f32]) -> Vec<u32> {
+    values.iter().map(|x| x.to_bits()).collect()
+}
