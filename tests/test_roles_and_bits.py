@@ -1,0 +1,135 @@
+"""Who casts and who receives, how lights add up, and what may change the bits of an image."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import softshadow as ss
+from closed_forms import FLOOR, MANY, METHODS
+from shapes import geodesic
+
+# ---------------------------------------------------------------- who casts, who receives, sums
+
+
+def _penumbra_scene(**ball):
+    scene = ss.Scene()
+    scene.add(FLOOR, "floor")
+    vertices, faces = geodesic(6)
+    scene.add((vertices * 0.3 + [0, 0, 0.6], faces), "ball", **ball)
+    return scene
+
+
+WIDE = ss.RectLight((0.3, 0.2, 2.0), (0, 0.9, 0), (0.9, 0, 0), (1, 0.5, 0.2))
+VIEW = ss.Camera((0.4, -2.2, 2.2), (0, 0, 0.1), width=64, height=48)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_does_not_cast_is_seen_but_hides_nothing(method):
+    solid, ghost = (
+        ss.render(_penumbra_scene(casts=c), VIEW, WIDE, METHODS[method]) for c in (True, False)
+    )
+    assert np.array_equal(solid.mesh_id, ghost.mesh_id)
+    floor = solid.mesh_id == 0
+    assert (ghost.visibility[floor] == 1).all()
+    assert (solid.visibility[floor] == 0).any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_does_not_receive_is_shaded_as_unshadowed(method):
+    scene = _penumbra_scene()
+    plain = ss.render(scene, VIEW, WIDE, METHODS[method])
+    other = ss.Scene()
+    other.add(FLOOR, "floor", receives=False)
+    ball = scene.entries[1]
+    other.add((ball.vertices, ball.faces), "ball", receives=False)
+    image = ss.render(other, VIEW, WIDE, METHODS[method])
+    mask = image.mask
+    h = ss.kernels.light_fraction_above(WIDE, image.position[mask], image.normal[mask])
+    assert np.abs(image.visibility[mask] - h).max() < 1e-6
+    e = ss.kernels.unshadowed_irradiance(WIDE, image.position[mask], image.normal[mask])
+    expected = e[:, None] * 0.8 / math.pi * np.array(WIDE.radiance)
+    # Image normals are single precision: 1e-7 of the largest irradiance.
+    assert np.abs(image.radiance[mask] - expected).max() < 1e-6 * expected.max()
+    assert (plain.visibility[mask] < image.visibility[mask] - 0.5).any()
+
+
+def test_several_lights_add_up():
+    lights = [
+        WIDE,
+        ss.SphereLight((-1, 0.5, 1.5), 0.3, 2.0),
+        ss.DiskLight((0, 2, 1), (0, -2, -1), 0.4),
+    ]
+    scene = _penumbra_scene()
+    together = ss.render(scene, VIEW, lights, "hard")
+    alone = [ss.render(scene, VIEW, light, "hard") for light in lights]
+    assert together.visibility.shape == (3, 48, 64)
+    for k, image in enumerate(alone):
+        assert np.array_equal(together.visibility[k], image.visibility)
+    total = np.sum([image.radiance.astype(np.float64) for image in alone], axis=0)
+    # Three terms in single precision.
+    assert np.abs(together.radiance - total).max() <= 3 * 2.0**-24 * total.max()
+    traced = ss.render(scene, VIEW, lights, METHODS["ray_traced"])
+    first = ss.render(scene, VIEW, lights[0], METHODS["ray_traced"])
+    assert np.array_equal(traced.visibility[0], first.visibility)
+    # The other lights have their own samples, and the same shadows.
+    for k, light in enumerate(lights):
+        exact = ss.render(scene, VIEW, light, MANY)
+        assert np.abs(traced.visibility[k] - exact.visibility).max() < 0.08
+        assert np.abs(traced.visibility[k] - exact.visibility).mean() < 0.003
+
+
+# ---------------------------------------------------------------- bits
+
+
+def _digest(image):
+    h = hashlib.sha256()
+    for array in (image.visibility, image.radiance, image.position, image.triangle_id):
+        h.update(np.ascontiguousarray(array).tobytes())
+    return h.hexdigest()
+
+
+@pytest.mark.parametrize("pattern", ["per_receiver", "fixed"])
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others(pattern):
+    def render(seed):
+        method = ss.RayTraced(samples=64, seed=seed, pattern=pattern)
+        return ss.render(_penumbra_scene(), VIEW, WIDE, method)
+
+    digests = [_digest(render(seed)) for seed in (0, 0, 1, 2**63, 2**64 - 1, 1)]
+    assert digests[0] == digests[1]
+    assert digests[2] == digests[5]
+    assert len(set(digests)) == 4
+
+
+PROGRAM = """
+import softshadow as ss
+from test_roles_and_bits import VIEW, WIDE, _digest, _penumbra_scene
+lights = [WIDE, ss.SphereLight((-1, 0.5, 1.5), 0.3)]
+for scene in (_penumbra_scene(), _penumbra_scene(opacity=0.3)):
+    for method in ("hard", ss.RayTraced(64), ss.RayTraced(64, cull=False)):
+        print(_digest(ss.render(scene, VIEW, lights, method)))
+"""
+
+
+def test_the_number_of_threads_changes_no_bit():
+    def run(threads):
+        environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
+        return subprocess.run(
+            [sys.executable, "-c", PROGRAM],
+            env=environment,
+            cwd=os.path.dirname(__file__),
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=120,
+        ).stdout.split()
+
+    one, two, many = run(1), run(2), run(7)
+    assert len(one) == 6
+    assert len(set(one)) == 4  # culling changes nothing
+    assert one == two == many
