@@ -116,7 +116,10 @@ impl Rect {
 }
 
 /// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(clippy::extra_unused_type_parameters)]
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
 #[inline(always)]
 unsafe fn find_lanes<S: Lanes>(rect: &mut Rect) {
     let (center, u, v) = (rect.center, rect.u, rect.v);

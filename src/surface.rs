@@ -60,7 +60,10 @@ impl Pixels {
 }
 
 /// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(clippy::extra_unused_type_parameters)]
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
 #[inline(always)]
 unsafe fn find_lanes<S: Lanes>(pixels: &mut Pixels, camera: &Camera) {
     for i in 0..MOST {

@@ -88,7 +88,10 @@ fn exact_side_of(corners: [DVec3; 3], point: DVec3) -> i8 {
 type Corners = [[[f64; BLOCK]; 3]; 3];
 
 /// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(clippy::extra_unused_type_parameters)]
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
 #[inline(always)]
 unsafe fn filter_lanes<S: Lanes>(corners: &Corners, point: DVec3, side: &mut [i8; BLOCK]) {
     for (i, side) in side.iter_mut().enumerate() {
