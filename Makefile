@@ -40,9 +40,10 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/stubtest softshadow._core
 
-## Speed against error, and against Mitsuba; see benches/README.md.
+## Speed against Mitsuba, and the wedges' speed against error; see benches/README.md.
 bench: $(STAMP)
 	$(BIN)/python benches/mitsuba_speed.py
+	$(BIN)/python benches/wedges.py
 
 clean:
 	rm -rf $(VENV) target demo
