@@ -25,7 +25,7 @@ use crate::surface::Pixels;
 pub const GROUP: usize = 64;
 
 /// Side of a group of pixels.
-const BLOCK: u32 = 8;
+pub const BLOCK: u32 = 8;
 
 /// Receivers in local coordinates.
 #[derive(Debug, Clone, Default)]

@@ -15,14 +15,11 @@ use super::volume::Drawing;
 use super::{Buffer, Cast, Overlap, Settings};
 use crate::camera::Camera;
 use crate::raster::{SPAN, Sink, TILE, Tile, tile_count};
-use crate::receivers::{GROUP, Receivers};
+use crate::receivers::{BLOCK, GROUP, Receivers};
 use crate::simd::{LANES, Row};
 
 /// Pixels of a tile, and a span more so that every span can be read whole.
 const PIXELS: usize = (TILE * TILE) as usize + SPAN;
-
-/// Side of a group of receivers.
-const BLOCK: u32 = 8;
 
 /// What happens to receivers inside a wedge.
 pub enum Interior {
@@ -68,15 +65,25 @@ impl<'a> Frame<'a> {
             keep,
         }
     }
-}
 
-impl Frame<'_> {
     /// Intensities between dark and lit that the buffer can hold; 0 for any.
     fn steps(&self) -> f32 {
         match self.settings.buffer {
             Buffer::Float => 0.0,
             Buffer::Integer { steps } => steps as f32,
         }
+    }
+
+    fn range(&self, group: u32) -> std::ops::Range<usize> {
+        let groups = &self.receivers.groups;
+        groups[group as usize] as usize..groups[group as usize + 1] as usize
+    }
+
+    /// Place of a receiver's pixel in its tile.
+    fn place(&self, tile: Tile, receiver: usize) -> usize {
+        let pixel = self.receivers.index[receiver];
+        let (x, y) = (pixel % self.width, pixel / self.width);
+        ((y - tile.y) * TILE + (x - tile.x)) as usize
     }
 }
 
@@ -284,20 +291,6 @@ impl<'a> TileBuffer<'a> {
                 }
             }
         }
-    }
-}
-
-impl Frame<'_> {
-    fn range(&self, group: u32) -> std::ops::Range<usize> {
-        let groups = &self.receivers.groups;
-        groups[group as usize] as usize..groups[group as usize + 1] as usize
-    }
-
-    /// Place of a receiver's pixel in its tile.
-    fn place(&self, tile: Tile, receiver: usize) -> usize {
-        let pixel = self.receivers.index[receiver];
-        let (x, y) = (pixel % self.width, pixel / self.width);
-        ((y - tile.y) * TILE + (x - tile.x)) as usize
     }
 }
 

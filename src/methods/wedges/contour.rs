@@ -131,16 +131,13 @@ impl Casters {
                 if front + back < 0 {
                     (a, b, front, back) = (b, a, -front, -back);
                 }
-                let object = match objects {
-                    true => mesh.first_vertex + mesh.mesh.components()[a as usize],
-                    false => 0,
-                };
+                let vertices = [a + mesh.first_vertex, b + mesh.first_vertex];
                 Edge {
                     ends: [position(a), position(b)],
-                    vertices: [a + mesh.first_vertex, b + mesh.first_vertex],
+                    vertices,
                     front,
                     back,
-                    object,
+                    object: self.object_of(vertices[0], objects),
                 }
             }));
             if objects {

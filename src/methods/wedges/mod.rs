@@ -120,6 +120,9 @@ pub struct ShadowVolume {
 /// What both need.
 #[derive(Clone, Copy)]
 struct Settings {
+    method: &'static str,
+    /// Whether transparent meshes count as opaque.
+    opaque: bool,
     soft: Option<(Falloff, Construction)>,
     overlap: Overlap,
     buffer: Buffer,
@@ -145,14 +148,7 @@ impl Method for Wedges {
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         let settings = self.settings(lights.len());
-        let prepared = PreparedWedges::new(
-            self.name(),
-            geometry,
-            lights,
-            self.opaque,
-            settings,
-            control,
-        )?;
+        let prepared = PreparedWedges::new(geometry, lights, settings, control)?;
         Ok(Box::new(prepared))
     }
 }
@@ -169,20 +165,15 @@ impl Method for ShadowVolume {
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         let settings = Settings {
+            method: self.name(),
+            opaque: self.opaque,
             soft: None,
             overlap: Overlap::Add,
             buffer: Buffer::Float,
             counting: self.counting,
             cull: self.cull,
         };
-        let prepared = PreparedWedges::new(
-            self.name(),
-            geometry,
-            lights,
-            self.opaque,
-            settings,
-            control,
-        )?;
+        let prepared = PreparedWedges::new(geometry, lights, settings, control)?;
         Ok(Box::new(prepared))
     }
 }
@@ -200,7 +191,6 @@ struct Cast {
 }
 
 struct PreparedWedges {
-    method: &'static str,
     casters: Casters,
     casts: Vec<Cast>,
     settings: Settings,
@@ -318,15 +308,13 @@ impl Cast {
 
 impl PreparedWedges {
     fn new(
-        method: &'static str,
         geometry: Arc<Geometry>,
         lights: &[Light],
-        opaque: bool,
         settings: Settings,
         control: &Control,
     ) -> Result<Self> {
         let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
-        let casters = Casters::new(method, geometry, opaque)?;
+        let casters = Casters::new(settings.method, geometry, settings.opaque)?;
         let mut clock = Instant::now();
         let mut lap = || {
             let seconds = clock.elapsed().as_secs_f64();
@@ -354,7 +342,6 @@ impl PreparedWedges {
             ("wedges", lap()),
         ];
         Ok(PreparedWedges {
-            method,
             casters,
             casts,
             settings,
@@ -376,7 +363,7 @@ impl PreparedWedges {
         let Some(camera) = &receivers.camera else {
             let reason = "it needs a camera".into();
             return Err(Error::Unsupported {
-                method: self.method,
+                method: self.settings.method,
                 reason,
             });
         };
@@ -436,14 +423,7 @@ impl Wedges {
             ..self.settings(1)
         };
         let lights = std::slice::from_ref(light);
-        let prepared = PreparedWedges::new(
-            self.name(),
-            geometry,
-            lights,
-            self.opaque,
-            settings,
-            control,
-        )?;
+        let prepared = PreparedWedges::new(geometry, lights, settings, control)?;
         let mut out = vec![[0.0; 2]; receivers.len()];
         for (group, _, cover) in prepared.fill(receivers, 0, true, control)? {
             let first = receivers.groups[group as usize] as usize;
@@ -455,6 +435,8 @@ impl Wedges {
     fn settings(&self, lights: usize) -> Settings {
         let steps = 255 / lights.clamp(1, 255) as u32;
         Settings {
+            method: self.name(),
+            opaque: self.opaque,
             soft: Some((self.falloff, self.construction)),
             overlap: self.overlap,
             buffer: if self.integer {
