@@ -12,6 +12,7 @@
 pub mod hard;
 pub mod ray_traced;
 pub mod ssoc;
+pub mod views;
 pub mod wedges;
 
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! How the part of a penumbra's width that lies beyond an edge turns into visibility.
 
-use super::view::Outline;
 use crate::light::{beyond_line_over_disk, beyond_line_over_rectangle};
+use crate::methods::views::Outline;
 
 /// How visibility falls off across a penumbra.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,10 +8,10 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::view::View;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
+use crate::methods::views::View;
 use crate::methods::wedges::contour::{Casters, Edge};
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::setup::{Bounds, NEAR};

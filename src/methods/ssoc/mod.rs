@@ -4,7 +4,7 @@
 //! penumbra is how far it has to be moved in the image to be seen. Silhouettes are found in the geometry and
 //! drawn as quads into two distortion maps, for the two sides of the hard shadow's boundary ([`maps`]);
 //! receivers look their edge up, at a cost that does not grow with the scene ([`lookup`]). Lights within a
-//! scene get as many faces of a cube as something casts into ([`view`]).
+//! scene get as many faces of a cube as something casts into ([`super::views`]).
 //!
 //! Assumptions and failures, as the paper states them: edges of one view of the scene, from the light's
 //! centre, stand for all of the light; a texel keeps one edge a side, so that where several penumbrae cross
@@ -18,7 +18,6 @@
 pub mod falloff;
 pub mod lookup;
 pub mod maps;
-pub mod view;
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -26,6 +25,7 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::views::{View, views};
 use super::wedges::contour::{Casters, Edge};
 use super::wedges::is_point;
 use super::{Method, Prepared, Shading};
@@ -37,7 +37,6 @@ use crate::receivers::Receivers;
 use falloff::Falloff;
 use lookup::{Lookup, MOST_STEPS};
 use maps::Maps;
-use view::{View, views};
 
 /// Bytes of a texel: inverse depth and triangle, an edge a side, and while the maps are drawn their tiles,
 /// which are as large again with a distance a side.
