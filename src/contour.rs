@@ -76,26 +76,31 @@ pub(crate) fn rect_corners(d: DVec3, u: DVec3, v: DVec3) -> [DVec3; 4] {
     [d - a - b, d + a - b, d + a + b, d - a + b]
 }
 
-/// What a rectangle sends to each of up to [`MOST`] receivers.
-pub(crate) struct Rect {
-    center: DVec3,
-    u: DVec3,
-    v: DVec3,
+/// Lights whose share on a receiver needs no branches where all of it is above the tangent plane.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Outline {
+    /// A rectangle, by centre and edges.
+    Rect(DVec3, DVec3, DVec3),
+    /// A sphere, by centre and radius.
+    Sphere(DVec3, f64),
+}
+
+/// What a light sends to each of up to [`MOST`] receivers.
+pub(crate) struct Many {
+    outline: Outline,
     /// Receivers and their normals, a column for every coordinate.
     positions: [[f64; MOST]; 3],
     normals: [[f64; MOST]; 3],
-    /// Height of the lowest corner above each receiver's tangent plane.
+    /// Height of the light's lowest point above each receiver's tangent plane.
     pub(crate) height: [f64; MOST],
-    /// Irradiance with radiance 1; means nothing where a corner is under the tangent plane.
+    /// Irradiance with radiance 1; means nothing where a point is under the tangent plane.
     pub(crate) irradiance: [f64; MOST],
 }
 
-impl Rect {
-    pub(crate) fn new(center: DVec3, u: DVec3, v: DVec3) -> Self {
-        Rect {
-            center,
-            u,
-            v,
+impl Many {
+    pub(crate) fn new(outline: Outline) -> Self {
+        Many {
+            outline,
             positions: [[0.0; MOST]; 3],
             normals: [[0.0; MOST]; 3],
             height: [0.0; MOST],
@@ -103,36 +108,91 @@ impl Rect {
         }
     }
 
-    /// Finds heights and irradiances; those of receivers that are not given mean nothing.
-    pub(crate) fn find(&mut self, positions: &[DVec3], normals: &[DVec3]) {
+    /// Finds heights, and irradiances if wanted; those of receivers that are not given mean nothing.
+    pub(crate) fn find(&mut self, positions: &[DVec3], normals: &[DVec3], irradiance: bool) {
         for (i, (p, n)) in positions.iter().zip(normals).enumerate() {
             for k in 0..3 {
                 (self.positions[k][i], self.normals[k][i]) = (p[k], n[k]);
             }
         }
-        let rect = self;
-        dispatch!(detect() => find_lanes(rect: &mut Rect));
+        let many = self;
+        match (many.outline, irradiance) {
+            (Outline::Rect(center, u, v), false) => dispatch!(detect() => rect_height(
+                many: &mut Many, center: DVec3, u: DVec3, v: DVec3)),
+            (Outline::Rect(center, u, v), true) => dispatch!(detect() => rect_irradiance(
+                many: &mut Many, center: DVec3, u: DVec3, v: DVec3)),
+            (Outline::Sphere(center, radius), _) => dispatch!(detect() => sphere(
+                many: &mut Many, center: DVec3, radius: f64)),
+        }
+    }
+
+    /// Receiver and normal in column `i`.
+    #[inline(always)]
+    fn at(&self, i: usize) -> (DVec3, DVec3) {
+        let at = |of: &[[f64; MOST]; 3]| DVec3::new(of[0][i], of[1][i], of[2][i]);
+        (at(&self.positions), at(&self.normals))
     }
 }
 
-/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
+// Free of branches, for the compiler's vectoriser; the types say what `dispatch!` compiles them for.
+
 #[allow(
     clippy::extra_unused_type_parameters,
     reason = "`dispatch!` names the lanes"
 )]
 #[inline(always)]
-unsafe fn find_lanes<S: Lanes>(rect: &mut Rect) {
-    let (center, u, v) = (rect.center, rect.u, rect.v);
+unsafe fn rect_height<S: Lanes>(many: &mut Many, center: DVec3, u: DVec3, v: DVec3) {
     for i in 0..MOST {
-        let at = |of: &[[f64; MOST]; 3]| DVec3::new(of[0][i], of[1][i], of[2][i]);
-        let (p, n) = (at(&rect.positions), at(&rect.normals));
-        let [a, b, c, d] = rect_corners(center - p, u, v);
-        let lower = |a: f64, b: f64| if a < b { a } else { b };
-        rect.height[i] = lower(lower(n.dot(a), n.dot(b)), lower(n.dot(c), n.dot(d)));
+        let (p, n) = many.at(i);
+        many.height[i] = lowest(&rect_corners(center - p, u, v), n);
+    }
+}
+
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
+#[inline(always)]
+unsafe fn rect_irradiance<S: Lanes>(many: &mut Many, center: DVec3, u: DVec3, v: DVec3) {
+    for i in 0..MOST {
+        let (p, n) = many.at(i);
+        let corners = rect_corners(center - p, u, v);
+        many.height[i] = lowest(&corners, n);
+        let [a, b, c, d] = corners;
         // What `polygon` computes; its loop over edges would keep this one from being vectorised.
         let sum = edge(a, b) + edge(b, c) + edge(c, d) + edge(d, a);
-        rect.irradiance[i] = sum.dot(n).abs();
+        many.irradiance[i] = sum.dot(n).abs();
     }
+}
+
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
+#[inline(always)]
+unsafe fn sphere<S: Lanes>(many: &mut Many, center: DVec3, radius: f64) {
+    for i in 0..MOST {
+        let (p, n) = many.at(i);
+        let d = center - p;
+        let height = n.dot(d);
+        many.height[i] = height - radius;
+        many.irradiance[i] = sphere_irradiance(radius, d.length(), height);
+    }
+}
+
+/// Height of the lowest of a rectangle's corners along `n`.
+#[inline(always)]
+fn lowest(&[a, b, c, d]: &[DVec3; 4], n: DVec3) -> f64 {
+    let lower = |a: f64, b: f64| if a < b { a } else { b };
+    lower(lower(n.dot(a), n.dot(b)), lower(n.dot(c), n.dot(d)))
+}
+
+/// Irradiance from a sphere of radiance 1 that is above the tangent plane: π sin² of its half-angle, times
+/// the cosine of its axis; `height` is that of its centre.
+#[inline(always)]
+pub(crate) fn sphere_irradiance(radius: f64, distance: f64, height: f64) -> f64 {
+    let sin = radius / distance;
+    PI * sin * sin * height / distance
 }
 
 #[cfg(test)]

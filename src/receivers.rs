@@ -294,7 +294,7 @@ fn place(x: u32, y: u32, camera: &Camera) -> usize {
 }
 
 /// A vector whose memory all threads touch first, so that the system clears its pages in parallel.
-fn filled<T: Clone + Send>(value: T, len: usize) -> Vec<T> {
+pub(crate) fn filled<T: Clone + Send>(value: T, len: usize) -> Vec<T> {
     rayon::iter::repeat_n(value, len).collect()
 }
 

@@ -18,7 +18,7 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Prepared;
 use crate::raster::tile_count;
-use crate::receivers::{Receivers, Surface, from_camera, most_groups};
+use crate::receivers::{BLOCK, Receivers, Surface, filled, from_camera, most_groups};
 use crate::render::{irradiance, unshadow};
 
 /// A method, prepared for a scene and its lights.
@@ -220,45 +220,47 @@ impl Ready {
     ) -> Frame {
         let geometry = &*self.geometry;
         let pixels = camera.pixels();
-        let mut receiver_of = vec![u32::MAX; pixels];
-        for (i, &pixel) in receivers.index.iter().enumerate() {
-            receiver_of[pixel as usize] = i as u32;
-        }
         let mut frame = Frame {
             visibility: Vec::new(),
-            radiance: vec![0.0; pixels * 3],
-            mask: vec![false; pixels],
-            position: vec![0.0; pixels * 3],
-            normal: vec![0.0; pixels * 3],
-            depth: vec![f32::INFINITY; pixels],
-            mesh_id: vec![-1; pixels],
-            triangle_id: vec![-1; pixels],
+            radiance: filled(0.0, pixels * 3),
+            mask: filled(false, pixels),
+            position: filled(0.0, pixels * 3),
+            normal: filled(0.0, pixels * 3),
+            depth: filled(f32::INFINITY, pixels),
+            mesh_id: filled(-1, pixels),
+            triangle_id: filled(-1, pixels),
             seconds: Vec::new(),
         };
-        let width = camera.width as usize;
-        let places = receiver_of.par_chunks(width).enumerate();
-        places
-            .zip(frame.radiance.par_chunks_mut(3 * width))
-            .zip(frame.mask.par_chunks_mut(width))
-            .zip(frame.position.par_chunks_mut(3 * width))
-            .zip(frame.normal.par_chunks_mut(3 * width))
-            .zip(frame.depth.par_chunks_mut(width))
-            .zip(frame.mesh_id.par_chunks_mut(width))
-            .zip(frame.triangle_id.par_chunks_mut(width))
-            .for_each(|row| {
-                let (row, triangle_id) = row;
-                let (row, mesh_id) = row;
-                let (row, depth) = row;
-                let (row, normal) = row;
-                let (row, position) = row;
-                let (row, mask) = row;
-                let ((y, receiver_of), radiance) = row;
-                for x in 0..width {
-                    let pixel = y * width + x;
+        // Groups of receivers lie row by row of blocks.
+        let rows = (camera.width * BLOCK) as usize;
+        let before = |row: usize| {
+            receivers
+                .index
+                .partition_point(|&p| (p as usize) < row * rows)
+        };
+        frame
+            .radiance
+            .par_chunks_mut(3 * rows)
+            .zip(frame.mask.par_chunks_mut(rows))
+            .zip(frame.position.par_chunks_mut(3 * rows))
+            .zip(frame.normal.par_chunks_mut(3 * rows))
+            .zip(frame.depth.par_chunks_mut(rows))
+            .zip(frame.mesh_id.par_chunks_mut(rows))
+            .zip(frame.triangle_id.par_chunks_mut(rows))
+            .enumerate()
+            .for_each(|(row, chunk)| {
+                let (chunk, triangle_id) = chunk;
+                let (chunk, mesh_id) = chunk;
+                let (chunk, depth) = chunk;
+                let (chunk, normal) = chunk;
+                let (chunk, position) = chunk;
+                let (radiance, mask) = chunk;
+                for i in before(row)..before(row + 1) {
+                    let pixel = receivers.index[i] as usize;
                     let Some((entry, part)) = surface.hit[pixel].entry(geometry) else {
                         continue;
                     };
-                    let i = receiver_of[x] as usize;
+                    let x = pixel - row * rows;
                     mask[x] = true;
                     (mesh_id[x], triangle_id[x]) = (entry as i32, part as i32);
                     depth[x] = (surface.depth[pixel] * geometry.frame.unit) as f32;

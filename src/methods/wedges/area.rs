@@ -35,6 +35,8 @@ pub struct Block {
     matrix: [[Row; 3]; 3],
     /// What the last row gives at the light's centre: silhouettes farther away do not occlude.
     far: Row,
+    /// Room for what happens between the two steps of [`cover`].
+    lines: [Stored; BATCH],
 }
 
 /// An edge as the kernel wants it.
@@ -184,25 +186,29 @@ pub fn cover(
     frame: &LightFrame,
     edges: &[AreaEdge],
     ids: &[u32],
-    block: &Block,
+    block: &mut Block,
     steps: f32,
     out: &mut [Row; 2],
 ) {
     let square = matches!(frame, LightFrame::Flat { square: true, .. });
     dispatch!(detect() => cover_lanes(
-        square: bool, edges: &[AreaEdge], ids: &[u32], block: &Block, steps: f32, out: &mut [Row; 2],
+        square: bool, edges: &[AreaEdge], ids: &[u32], block: &mut Block, steps: f32, out: &mut [Row; 2],
     ));
 }
 
 /// Stands for infinitely far along a line on the light, whose half-width is 1.
 const FAR: f32 = 1e9;
 
+/// Distances from a receiver below this, in local units, count as this: products of two and a line's length
+/// stay normal numbers, and vertices are known to a hundred times as much at best.
+const NEAREST: f32 = 1e-9;
+
 #[inline(always)]
 unsafe fn cover_lanes<S: Lanes>(
     square: bool,
     edges: &[AreaEdge],
     ids: &[u32],
-    block: &Block,
+    block: &mut Block,
     steps: f32,
     out: &mut [Row; 2],
 ) {
@@ -210,30 +216,86 @@ unsafe fn cover_lanes<S: Lanes>(
     unsafe {
         let mut front = S::load(&out[0]);
         let mut back = S::load(&out[1]);
-        for &id in ids {
-            let edge = &edges[id as usize];
-            let Some(line) = line_on_light::<S>(block, edge) else {
-                continue;
-            };
-            let beyond = if square {
-                beyond_in_square::<S>(&line)
-            } else {
-                beyond_in_disk::<S>(&line)
-            };
-            let beyond = beyond.select(line.valid, S::splat(0.0));
-            let beyond = if steps > 0.0 {
-                let magic = S::splat(12_582_912.0);
-                let rounded = beyond.mul(S::splat(steps)).add(magic).sub(magic);
-                rounded.div(S::splat(steps))
-            } else {
-                beyond
-            };
-            let signed = S::splat(0.0).sub(beyond).select(line.shadow_side, beyond);
-            front = front.add(signed.mul(S::splat(edge.front)));
-            back = back.add(signed.mul(S::splat(edge.back)));
+        for ids in ids.chunks(BATCH) {
+            let mut count = 0;
+            for &id in ids {
+                let edge = &edges[id as usize];
+                if let Some(line) = line_on_light::<S>(block, edge, square) {
+                    block.lines[count].set(&line, edge);
+                    count += 1;
+                }
+            }
+            for stored in &block.lines[..count] {
+                let line = stored.line::<S>();
+                let beyond = if square {
+                    beyond_in_square::<S>(&line)
+                } else {
+                    beyond_in_disk::<S>(&line)
+                };
+                let beyond = beyond.select(line.valid, S::splat(0.0));
+                let beyond = if steps > 0.0 {
+                    let magic = S::splat(12_582_912.0);
+                    let rounded = beyond.mul(S::splat(steps)).add(magic).sub(magic);
+                    rounded.div(S::splat(steps))
+                } else {
+                    beyond
+                };
+                let signed = S::splat(0.0).sub(beyond).select(line.shadow_side, beyond);
+                front = front.add(signed.mul(S::splat(stored.front)));
+                back = back.add(signed.mul(S::splat(stored.back)));
+            }
         }
         front.store(&mut out[0]);
         back.store(&mut out[1]);
+    }
+}
+
+/// Edges that are first all drawn onto the light and then all measured: each step for an edge is a chain of
+/// operations that wait for each other, and a processor looks only so many instructions ahead for others.
+/// Few enough to stay in the nearest cache.
+const BATCH: usize = 16;
+
+/// A [`Line`] in memory, and the layers that it counts.
+#[derive(Debug, Clone, Copy, Default)]
+struct Stored {
+    rows: [Row; 7],
+    valid: u16,
+    shadow_side: u16,
+    front: f32,
+    back: f32,
+}
+
+impl Stored {
+    #[inline(always)]
+    unsafe fn set<S: Lanes>(&mut self, line: &Line<S>, edge: &AreaEdge) {
+        let [h, from, to, dx, dy, fx, fy] = &mut self.rows;
+        // SAFETY: the caller enabled the features of `S`; so for all calls below.
+        unsafe {
+            line.h.store(h);
+            line.from.store(from);
+            line.to.store(to);
+            line.direction[0].store(dx);
+            line.direction[1].store(dy);
+            line.foot[0].store(fx);
+            line.foot[1].store(fy);
+        }
+        (self.valid, self.shadow_side) = (line.valid, line.shadow_side);
+        (self.front, self.back) = (edge.front, edge.back);
+    }
+
+    #[inline(always)]
+    unsafe fn line<S: Lanes>(&self) -> Line<S> {
+        // SAFETY: the caller enabled the features of `S`.
+        let [h, from, to, dx, dy, fx, fy] = self.rows.each_ref().map(|r| unsafe { S::load(r) });
+        Line {
+            h,
+            direction: [dx, dy],
+            foot: [fx, fy],
+            from,
+            to,
+            valid: self.valid,
+            shadow_side: self.shadow_side,
+        }
     }
 }
 
@@ -255,7 +317,7 @@ struct Line<S> {
 }
 
 #[inline(always)]
-unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge) -> Option<Line<S>> {
+unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge, square: bool) -> Option<Line<S>> {
     // SAFETY: the caller enabled the features of `S`; so for all calls below.
     unsafe {
         let mut a = [Row::default(); 3];
@@ -291,7 +353,8 @@ unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge) -> Option<Line
         let lz = qa[0].mul(qe[1]).sub(qa[1].mul(qe[0]));
         let length = lx.mul(lx).add(ly.mul(ly));
         // The square reaches to √2.
-        let near = lz.mul(lz).lt(length.mul(S::splat(2.0)));
+        let reach = S::splat(if square { 2.0 } else { 1.0 });
+        let near = lz.mul(lz).lt(length.mul(reach));
         let valid = (ahead_a | ahead_b) & before & near;
         if valid == 0 {
             return None;
@@ -302,14 +365,22 @@ unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge) -> Option<Line
             let value = n[0] * x[i] + n[1] * y[i] + n[2] * z[i] - edge.offset;
             side.0[i] = if value < 0.0 { -1.0 } else { 1.0 };
         }
-        let scale = S::splat(1.0).div(length.max(S::splat(f32::MIN_POSITIVE)).sqrt());
+        // One division instead of three, which take longer than all the rest.
+        let root = length.max(S::splat(f32::MIN_POSITIVE)).sqrt();
+        let near = S::splat(NEAREST);
+        let za = qa[2].max(near).select(ahead_a, S::splat(1.0));
+        let zb = qb[2].max(near).select(ahead_b, S::splat(1.0));
+        let both = za.mul(zb);
+        let inverse = S::splat(1.0).div(both.mul(root));
+        let scale = both.mul(inverse);
         let (lx, ly, lz) = (lx.mul(scale), ly.mul(scale), lz.mul(scale));
         let direction = [ly, zero.sub(lx)];
         let along_a = qa[0].mul(direction[0]).add(qa[1].mul(direction[1]));
         let along_b = qb[0].mul(direction[0]).add(qb[1].mul(direction[1]));
         // What is behind the receiver starts or ends infinitely far away.
-        let from = along_a.div(qa[2].max(S::splat(f32::MIN_POSITIVE)));
-        let to = along_b.div(qb[2].max(S::splat(f32::MIN_POSITIVE)));
+        let root = root.mul(inverse);
+        let from = along_a.mul(zb.mul(root));
+        let to = along_b.mul(za.mul(root));
         Some(Line {
             h: lz.abs(),
             direction,
@@ -355,19 +426,25 @@ unsafe fn beyond_in_square<S: Lanes>(line: &Line<S>) -> S {
     // SAFETY: the caller enabled the features of `S`; so for all calls below.
     unsafe {
         let (mut t0, mut t1) = (line.from, line.to);
-        for axis in 0..2 {
-            let (d, f) = (line.direction[axis], line.foot[axis]);
-            // A line along a side leaves the slab nowhere: so far away that it does not matter.
-            let tiny = d.abs().lt(S::splat(1.0 / FAR));
-            let inverse = S::splat(1.0).div(S::splat(1.0 / FAR).select(tiny, d));
+        // A line along a side leaves the slab nowhere: so far away that it does not matter.
+        let slope = |d: S| S::splat(1.0 / FAR).select(d.abs().lt(S::splat(1.0 / FAR)), d);
+        let [dx, dy] = line.direction.map(slope);
+        let inverse = S::splat(1.0).div(dx.mul(dy));
+        for (axis, inverse) in [dy.mul(inverse), dx.mul(inverse)].into_iter().enumerate() {
+            let f = line.foot[axis];
             let low = S::splat(-1.0).sub(f).mul(inverse);
             let high = S::splat(1.0).sub(f).mul(inverse);
             t0 = t0.max(low.min(high));
             t1 = t1.min(low.max(high));
         }
         let inside = t0.lt(t1);
-        let p0 = border::<S>(line, t0);
-        let p1 = border::<S>(line, t1);
+        let ends =
+            [t0, t1].map(|t| [0, 1].map(|axis| line.foot[axis].add(line.direction[axis].mul(t))));
+        // Of a point in the centre any place on the border will do.
+        let [m0, m1] = ends.map(|[x, y]| x.abs().max(y.abs()).max(S::splat(NEAREST)));
+        let inverse = S::splat(1.0).div(m0.mul(m1));
+        let p0 = border::<S>(ends[0], m1.mul(inverse));
+        let p1 = border::<S>(ends[1], m0.mul(inverse));
         let way = p0.sub(p1).abs();
         let way = way.min(S::splat(8.0).sub(way));
         let area = way.sub(line.h.mul(t1.sub(t0))).max(S::splat(0.0));
@@ -375,16 +452,13 @@ unsafe fn beyond_in_square<S: Lanes>(line: &Line<S>) -> S {
     }
 }
 
-/// How far along the square's border, counter-clockwise from the middle of its right side, a point of the
-/// line is seen from the centre; the border is 8 long.
+/// How far along the square's border, counter-clockwise from the middle of its right side, a point is seen
+/// from the centre, `scale` times which is on the border; the border is 8 long.
 #[inline(always)]
-unsafe fn border<S: Lanes>(line: &Line<S>, t: S) -> S {
+unsafe fn border<S: Lanes>([x, y]: [S; 2], scale: S) -> S {
     // SAFETY: the caller enabled the features of `S`; so for all calls below.
     unsafe {
-        let x = line.foot[0].add(line.direction[0].mul(t));
-        let y = line.foot[1].add(line.direction[1].mul(t));
         let (ax, ay) = (x.abs(), y.abs());
-        let scale = S::splat(1.0).div(ax.max(ay).max(S::splat(f32::MIN_POSITIVE)));
         let (sx, sy) = (x.mul(scale), y.mul(scale));
         let zero = S::splat(0.0);
         let right = sy;
@@ -407,19 +481,14 @@ pub(super) unsafe fn angle<S: Lanes>(sin: S, cos: S) -> S {
         let (small, large) = (sin.min(c), sin.max(c).max(S::splat(f32::MIN_POSITIVE)));
         let x = small.div(large);
         let x2 = x.mul(x);
-        let mut p = S::splat(0.002_866_225_7);
-        for k in [
-            -0.016_165_737,
-            0.042_909_614,
-            -0.075_289_64,
-            0.106_562_64,
-            -0.142_089,
-            0.199_935_51,
-            -0.333_331_45,
-            1.0,
-        ] {
-            p = p.mul(x2).add(S::splat(k));
-        }
+        // Pairs of terms, pairs of pairs, …: the next edge's work cannot start as long as this one's waits.
+        let x4 = x2.mul(x2);
+        let x8 = x4.mul(x4);
+        let pair = |low: f32, high: f32| S::splat(low).add(S::splat(high).mul(x2));
+        let low = pair(1.0, -0.333_331_45).add(pair(0.199_935_51, -0.142_089).mul(x4));
+        let high =
+            pair(0.106_562_64, -0.075_289_64).add(pair(0.042_909_614, -0.016_165_737).mul(x4));
+        let p = low.add(high.add(S::splat(0.002_866_225_7).mul(x8)).mul(x8));
         let first = p.mul(x);
         let pi = std::f32::consts::PI;
         let octant = S::splat(0.5 * pi).sub(first).select(c.lt(sin), first);

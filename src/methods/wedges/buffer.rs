@@ -180,16 +180,18 @@ impl<'a> TileBuffer<'a> {
         let frame = self.frame;
         let light = &frame.cast.light;
         let one = |&group: &u32| {
-            let visible = frame.range(group).map(|i| {
-                let (p, n) = (frame.receivers.positions[i], frame.receivers.normals[i]);
-                let h = light.fraction_above(p, n) as f32;
-                self.visibility[frame.place(self.tile, i)].min(h)
+            let range = frame.range(group);
+            let mut visible = Vec::with_capacity(range.len());
+            let (p, n) = (&frame.receivers.positions, &frame.receivers.normals);
+            light.fractions_above(&p[range.clone()], &n[range.clone()], |i, h| {
+                let place = frame.place(self.tile, range.start + i);
+                visible.push(self.visibility[place].min(h as f32));
             });
             let cover = self.cover.iter().flat_map(|cover| {
                 let places = frame.range(group).map(|i| frame.place(self.tile, i));
                 places.map(move |at| [cover[0][at], cover[1][at]])
             });
-            (group, visible.collect(), cover.collect())
+            (group, visible, cover.collect())
         };
         self.groups.iter().map(one).collect()
     }
