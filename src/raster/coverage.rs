@@ -8,6 +8,7 @@
 
 use glam::DVec3;
 
+use super::Tile;
 use super::setup::{self, Bounds, EdgeFunction, NEAR};
 use crate::camera::Camera;
 
@@ -57,7 +58,7 @@ pub fn cover(
             return;
         };
         if let Some(edges) = setup::edges(&mut [a.screen, b.screen, c.screen]) {
-            spans(&edges, low, high, span);
+            Rows::of(edges, low, high).spans(low, high, span);
         }
     } else {
         let corners = [a.point, b.point, c.point];
@@ -65,7 +66,7 @@ pub fn cover(
             .iter()
             .flatten()
         {
-            spans(&setup.edges, setup.low, setup.high, &mut span);
+            Rows::of(setup.edges, setup.low, setup.high).spans(setup.low, setup.high, &mut span);
         }
     }
 }
@@ -83,69 +84,123 @@ enum Side {
     Unclear,
 }
 
-/// Rows of the pixels inside three edges, between `low` and `high`.
-#[inline(always)]
-fn spans(
-    edges: &[EdgeFunction; 3],
+/// The rows of pixels of a triangle, ready to be drawn.
+#[derive(Clone, Copy)]
+pub(super) struct Rows {
+    edges: [EdgeFunction; 3],
+    /// Of each edge the column where it crosses row 0, its change from row to row, more than rounding can be
+    /// wrong by, and what it does.
+    crossings: [(f64, f64, f64, Side); 3],
     low: [u32; 2],
     high: [u32; 2],
-    mut span: impl FnMut(u32, u32, u32),
-) {
-    let crossings = edges.each_ref().map(|e| {
-        let (first, slope, margin) = e.crossing();
-        let side = if e.dy == 0.0 {
-            Side::Level
-        } else if !(first.is_finite() && slope.is_finite() && margin.is_finite()) {
-            Side::Unclear
-        } else if e.dy > 0.0 {
-            Side::Right
-        } else {
-            Side::Left
+}
+
+impl Rows {
+    /// The parts of a triangle before the near plane, of points for each of which [`super::project`] was
+    /// called.
+    pub(super) fn new(
+        face: &[u32; 3],
+        points: &[DVec3],
+        bounds: &[Bounds],
+        camera: &Camera,
+    ) -> [Option<Rows>; 2] {
+        if !setup::is_in_front(face, points) {
+            let parts = setup::clipped(face, points, camera);
+            return parts.map(|s| s.map(|s| Rows::of(s.edges, s.low, s.high)));
+        }
+        let Some((low, high)) = setup::pixels(face, points, bounds, camera) else {
+            return [None; 2];
         };
-        (first, slope, margin, side)
-    });
-    'rows: for y in low[1]..=high[1] {
-        let row = f64::from(y);
-        // Beyond the outer bounds nothing is inside, within the inner ones everything.
-        let (mut left, mut right) = (f64::from(low[0]), f64::from(high[0]));
-        let (mut inner_left, mut inner_right) = (left, right);
-        for (e, &(first, slope, margin, side)) in edges.iter().zip(&crossings) {
-            let x = first + slope * row;
-            match side {
-                Side::Right => {
-                    right = right.min(x + margin);
-                    inner_right = inner_right.min(x - margin);
-                }
-                Side::Left => {
-                    left = left.max(x - margin);
-                    inner_left = inner_left.max(x + margin);
-                }
-                Side::Level => {
-                    if e.dx * (row + 0.5 - e.y) <= e.above {
-                        continue 'rows;
+        let mut corners = face.map(|v| {
+            let p = points[v as usize];
+            [p.x / p.z, p.y / p.z]
+        });
+        [
+            setup::edges(&mut corners).map(|edges| Rows::of(edges, low, high)),
+            None,
+        ]
+    }
+
+    #[inline(always)]
+    fn of(edges: [EdgeFunction; 3], low: [u32; 2], high: [u32; 2]) -> Self {
+        let crossings = edges.each_ref().map(|e| {
+            let (first, slope, margin) = e.crossing();
+            let side = if e.dy == 0.0 {
+                Side::Level
+            } else if !(first.is_finite() && slope.is_finite() && margin.is_finite()) {
+                Side::Unclear
+            } else if e.dy > 0.0 {
+                Side::Right
+            } else {
+                Side::Left
+            };
+            (first, slope, margin, side)
+        });
+        Rows {
+            edges,
+            crossings,
+            low,
+            high,
+        }
+    }
+
+    /// Calls `span(row, first, last)` for the pixels in each row of a tile.
+    #[inline(always)]
+    pub(super) fn within(&self, tile: Tile, span: impl FnMut(u32, u32, u32)) {
+        let end = [tile.x + tile.width - 1, tile.y + tile.height - 1];
+        let low = [self.low[0].max(tile.x), self.low[1].max(tile.y)];
+        let high = [self.high[0].min(end[0]), self.high[1].min(end[1])];
+        if low[0] <= high[0] {
+            self.spans(low, high, span);
+        }
+    }
+
+    /// Calls `span(row, first, last)` for the pixels in each row, between `low` and `high`.
+    #[inline(always)]
+    fn spans(&self, low: [u32; 2], high: [u32; 2], mut span: impl FnMut(u32, u32, u32)) {
+        'rows: for y in low[1]..=high[1] {
+            let row = f64::from(y);
+            // Beyond the outer bounds nothing is inside, within the inner ones everything.
+            let (mut left, mut right) = (f64::from(low[0]), f64::from(high[0]));
+            let (mut inner_left, mut inner_right) = (left, right);
+            for (e, &(first, slope, margin, side)) in self.edges.iter().zip(&self.crossings) {
+                let x = first + slope * row;
+                match side {
+                    Side::Right => {
+                        right = right.min(x + margin);
+                        inner_right = inner_right.min(x - margin);
                     }
+                    Side::Left => {
+                        left = left.max(x - margin);
+                        inner_left = inner_left.max(x + margin);
+                    }
+                    Side::Level => {
+                        if e.dx * (row + 0.5 - e.y) <= e.above {
+                            continue 'rows;
+                        }
+                    }
+                    Side::Unclear => inner_left = f64::INFINITY,
                 }
-                Side::Unclear => inner_left = f64::INFINITY,
             }
-        }
-        if left > right {
-            continue;
-        }
-        // `left` is not negative, and so neither is `right`.
-        let (mut first, mut last) = (left as i64, right as i64);
-        first += i64::from((first as f64) < left);
-        let inside = |x: i64| {
-            let p = [x as f64 + 0.5, row + 0.5];
-            edges.iter().all(|e| e.contains(p))
-        };
-        while first <= last && (first as f64) < inner_left && !inside(first) {
-            first += 1;
-        }
-        while last >= first && (last as f64) > inner_right && !inside(last) {
-            last -= 1;
-        }
-        if first <= last {
-            span(y, first as u32, last as u32);
+            if left > right {
+                continue;
+            }
+            // `left` is not negative, and so neither is `right`.
+            let (mut first, mut last) = (left as i64, right as i64);
+            first += i64::from((first as f64) < left);
+            let inside = |x: i64| {
+                let p = [x as f64 + 0.5, row + 0.5];
+                self.edges.iter().all(|e| e.contains(p))
+            };
+            while first <= last && (first as f64) < inner_left && !inside(first) {
+                first += 1;
+            }
+            while last >= first && (last as f64) > inner_right && !inside(last) {
+                last -= 1;
+            }
+            if first <= last {
+                span(y, first as u32, last as u32);
+            }
         }
     }
 }

@@ -22,6 +22,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
 use crate::simd::{Lanes, detect, dispatch};
+use coverage::Rows;
 use setup::{Block, Bounds, Outline, SHAPES, Setup};
 
 /// Pixels in a span, the unit that sinks receive.
@@ -134,9 +135,59 @@ pub fn rasterize_projected<S: Sink>(
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
+    let chunks = bins(points, bounds, faces, keep, camera, control)?;
+    each_tile(&chunks, camera, control, make, |triangles, tile, sink| {
+        fill(faces, points, triangles, camera, tile, sink);
+    })
+}
+
+/// As [`rasterize_projected`], without depth, for triangles that mostly lie in many tiles: spans start at the
+/// first covered pixel of a row, and their inverse depths are 0.
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`].
+pub fn cover_projected<S: Sink>(
+    points: &[DVec3],
+    bounds: &[Bounds],
+    faces: &[[u32; 3]],
+    camera: &Camera,
+    control: &Control,
+    make: impl Fn(Tile) -> S + Sync,
+) -> Result<Vec<(Tile, S)>> {
+    let chunks = bins(points, bounds, faces, |_| true, camera, control)?;
+    let rows: Vec<_> = faces
+        .par_iter()
+        .map(|face| Rows::new(face, points, bounds, camera))
+        .collect();
+    each_tile(&chunks, camera, control, make, |triangles, tile, sink| {
+        for &triangle in triangles {
+            if !sink.wants(triangle) {
+                continue;
+            }
+            for rows in rows[triangle as usize].iter().flatten() {
+                rows.within(tile, |y, first, last| {
+                    for x in (first..=last).step_by(SPAN) {
+                        let mask = u8::MAX >> (SPAN as u32 - (last - x + 1).min(SPAN as u32));
+                        sink.span(x, y, mask, &[0.0; SPAN], triangle);
+                    }
+                });
+            }
+        }
+    })
+}
+
+/// Sorts the triangles that can cover pixels into the tiles that they reach.
+fn bins(
+    points: &[DVec3],
+    bounds: &[Bounds],
+    faces: &[[u32; 3]],
+    keep: impl Fn(u32) -> bool + Sync,
+    camera: &Camera,
+    control: &Control,
+) -> Result<Vec<Bins>> {
     let columns = camera.width.div_ceil(TILE);
     let tiles = tile_count(camera);
-    let chunks: Vec<Bins> = faces
+    faces
         .par_chunks(CHUNK)
         .enumerate()
         .map_init(Vec::new, |pairs, (c, faces)| {
@@ -167,8 +218,19 @@ pub fn rasterize_projected<S: Sink>(
             }
             Ok(Bins::new(pairs, tiles))
         })
-        .collect::<Result<_>>()?;
-    (0..tiles)
+        .collect()
+}
+
+/// Makes every tile's sink and lets `draw` draw its triangles into it.
+fn each_tile<S: Sink>(
+    chunks: &[Bins],
+    camera: &Camera,
+    control: &Control,
+    make: impl Fn(Tile) -> S + Sync,
+    draw: impl Fn(&[u32], Tile, &mut S) + Sync,
+) -> Result<Vec<(Tile, S)>> {
+    let columns = camera.width.div_ceil(TILE);
+    (0..tile_count(camera))
         .into_par_iter()
         .map(|index| {
             control.step()?;
@@ -180,8 +242,8 @@ pub fn rasterize_projected<S: Sink>(
                 height: TILE.min(camera.height - y),
             };
             let mut sink = make(tile);
-            for chunk in &chunks {
-                fill(faces, points, chunk.of(index), camera, tile, &mut sink);
+            for chunk in chunks {
+                draw(chunk.of(index), tile, &mut sink);
             }
             Ok((tile, sink))
         })

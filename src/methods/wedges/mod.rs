@@ -39,7 +39,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
-use crate::raster::rasterize_projected;
+use crate::raster::cover_projected;
 use crate::receivers::Receivers;
 use area::{AreaEdge, LightFrame};
 use bounds::{Bounds, BoundsList};
@@ -384,11 +384,10 @@ impl PreparedWedges {
         let frame = Frame::new(cast, &drawing, receivers, camera, &self.settings, keep);
         // Receivers are counted once a group, as by every method; tiles need no steps of their own.
         let silent = Control::default();
-        let tiles = rasterize_projected(
+        let tiles = cover_projected(
             &drawing.points,
             &drawing.bounds,
             &drawing.faces,
-            |_| true,
             camera,
             &silent,
             |tile| TileBuffer::new(&frame, tile),
