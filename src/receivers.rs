@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Geometry, Sphere};
 use crate::mesh::check_finite;
 use crate::raster::nearest::{NONE, Nearest};
-use crate::raster::{TILE, rasterize};
+use crate::raster::{TILE, filled, rasterize};
 use crate::sampling::POINT_OFFSET;
 use crate::surface::Pixels;
 
@@ -291,11 +291,6 @@ fn pixels_of(block: u32, camera: &Camera) -> (Range<u32>, Range<u32>) {
 /// Where a pixel is in the image's arrays.
 fn place(x: u32, y: u32, camera: &Camera) -> usize {
     y as usize * camera.width as usize + x as usize
-}
-
-/// A vector whose memory all threads touch first, so that the system clears its pages in parallel.
-pub(crate) fn filled<T: Clone + Send>(value: T, len: usize) -> Vec<T> {
-    rayon::iter::repeat_n(value, len).collect()
 }
 
 fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> Result<Surface> {

@@ -17,8 +17,8 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Prepared;
-use crate::raster::tile_count;
-use crate::receivers::{BLOCK, Receivers, Surface, filled, from_camera, most_groups};
+use crate::raster::{filled, tile_count};
+use crate::receivers::{BLOCK, Receivers, Surface, from_camera, most_groups};
 use crate::render::{irradiance, unshadow};
 
 /// A method, prepared for a scene and its lights.

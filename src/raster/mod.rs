@@ -250,6 +250,33 @@ fn each_tile<S: Sink>(
         .collect()
 }
 
+/// The image that the tiles of a camera make up: `of` gives a sink's values, row by row of its tile.
+pub fn image<S: Sync, T: Copy + Default + Send + Sync>(
+    tiles: &[(Tile, S)],
+    camera: &Camera,
+    of: impl Fn(&S) -> &[T] + Sync,
+) -> Vec<T> {
+    let width = camera.width as usize;
+    let mut image = filled(T::default(), camera.pixels());
+    image
+        .par_chunks_mut(width * TILE as usize)
+        .zip(tiles.par_chunks(camera.width.div_ceil(TILE) as usize))
+        .for_each(|(image, tiles)| {
+            for (tile, sink) in tiles {
+                let rows = of(sink).chunks_exact(tile.width as usize);
+                for (to, from) in image.chunks_mut(width).zip(rows) {
+                    to[tile.x as usize..][..from.len()].copy_from_slice(from);
+                }
+            }
+        });
+    image
+}
+
+/// A vector whose memory all threads touch first, so that the system clears its pages in parallel.
+pub(crate) fn filled<T: Clone + Send>(value: T, len: usize) -> Vec<T> {
+    rayon::iter::repeat_n(value, len).collect()
+}
+
 /// Sets up and fills the part of `triangles` in a tile. A triangle is set up once a tile: most lie in one,
 /// and edge functions kept in memory from a pass of their own take longer to write and read.
 fn fill<T: Sink>(
@@ -313,12 +340,13 @@ unsafe fn fill_one<S: Lanes>(setup: &Setup, triangle: u32, tile: Tile, sink: &mu
         .trailing_zeros()
         .min(3) as usize];
     let (columns, rows) = (shape.columns, SPAN as u32 / shape.columns);
-    let crossings = setup.crossings();
+    // Only wide triangles are worth the divisions.
+    let crossings = (columns == 8).then(|| setup.crossings());
     let mut y = y_start;
     while y <= y_end {
-        let (mut x, x_end) = match columns {
-            8 => setup::columns(&crossings, y, x_start, x_end),
-            _ => (x_start, x_end),
+        let (mut x, x_end) = match &crossings {
+            Some(crossings) => setup::columns(crossings, y, x_start, x_end),
+            None => (x_start, x_end),
         };
         while x <= x_end {
             let block = Block::new(shape, x, y);

@@ -15,7 +15,7 @@ use crate::methods::views::View;
 use crate::methods::wedges::contour::{Casters, Edge};
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::setup::{Bounds, NEAR};
-use crate::raster::{SPAN, Sink, Tile, rasterize, rasterize_projected};
+use crate::raster::{SPAN, Sink, Tile, cover_projected, image, rasterize};
 
 /// Texels that an edge reaches beyond its penumbra: a lookup's neighbours are up to one away in each
 /// direction.
@@ -138,12 +138,8 @@ impl Maps {
                 rasterize(&positions, &faces, |_| true, camera, &silent, Nearest::new)?
             }
         };
-        let pixels = view.camera.pixels();
-        let (mut inverse_depth, mut triangle) = (vec![0.0; pixels], vec![NONE; pixels]);
-        for (tile, nearest) in &tiles {
-            copy_tile(&view, tile, &nearest.inverse_depth, &mut inverse_depth);
-            copy_tile(&view, tile, &nearest.triangle, &mut triangle);
-        }
+        let inverse_depth = image(&tiles, &view.camera, |n| &n.inverse_depth);
+        let mut triangle = image(&tiles, &view.camera, |n| &n.triangle);
         if let Some(only) = &view.only {
             let shown = triangle.iter_mut().filter(|t| **t != NONE);
             shown.for_each(|t| *t = only[*t as usize]);
@@ -180,21 +176,16 @@ impl Maps {
             .collect();
         let drawing = Drawing::new(&self.lines, &self.view);
         let lines = &self.lines;
-        let tiles = rasterize_projected(
+        let tiles = cover_projected(
             &drawing.points,
             &drawing.bounds,
             &drawing.faces,
-            |_| true,
             &self.view.camera,
             &Control::default(),
             |tile| Distances::new(tile, lines, &drawing.line_of),
         )?;
-        let pixels = self.view.camera.pixels();
-        (self.inside, self.outside) = (vec![NONE; pixels], vec![NONE; pixels]);
-        for (tile, found) in &tiles {
-            copy_tile(&self.view, tile, &found.lines[0], &mut self.inside);
-            copy_tile(&self.view, tile, &found.lines[1], &mut self.outside);
-        }
+        self.inside = image(&tiles, &self.view.camera, |d| &d.lines[0]);
+        self.outside = image(&tiles, &self.view.camera, |d| &d.lines[1]);
         Ok(())
     }
 
@@ -297,14 +288,6 @@ impl Maps {
             + size_of_val(&self.lines[..])
             + size_of_val(&self.inside[..])
             + size_of_val(&self.outside[..])
-    }
-}
-
-fn copy_tile<T: Copy>(view: &View, tile: &Tile, from: &[T], to: &mut [T]) {
-    let (width, columns) = (view.camera.width as usize, tile.width as usize);
-    for (row, from) in from.chunks_exact(columns).enumerate() {
-        let start = (tile.y as usize + row) * width + tile.x as usize;
-        to[start..start + columns].copy_from_slice(from);
     }
 }
 

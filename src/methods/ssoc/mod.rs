@@ -134,16 +134,21 @@ fn check_memory(views: &[View]) -> Result<()> {
     Err(Error::parameter("Ssoc", reason))
 }
 
-/// Of a cube's faces the one that a point is most central in.
+/// Of a cube's faces the one that a point is most central in: before which it lies farthest.
 fn most_central(faces: &[Maps], p: DVec3) -> Option<&Maps> {
-    let off_axis = |m: &&Maps| {
-        let (q, depth) = m.view.project(p);
-        let tangent = m.view.tangents(q).abs().max_element();
-        if depth > 0.0 { tangent } else { f64::INFINITY }
+    let depth = |m: &Maps| {
+        let (camera, d) = (&m.view.camera, p - m.view.camera.eye);
+        camera.rotation.row(2).dot(d)
     };
-    faces
-        .iter()
-        .min_by(|a, b| off_axis(a).total_cmp(&off_axis(b)))
+    let (first, rest) = faces.split_first()?;
+    let (mut best, mut most) = (first, depth(first));
+    for m in rest {
+        let depth = depth(m);
+        if depth > most {
+            (best, most) = (m, depth);
+        }
+    }
+    Some(best)
 }
 
 struct PreparedSsoc {
@@ -209,9 +214,8 @@ impl Prepared for PreparedSsoc {
             thin: self.method.thin,
             hard: is_point(light),
         };
-        let one = |i: usize| {
+        let one = |i: usize, h: f64| {
             let (p, n) = (receivers.positions[i], receivers.normals[i]);
-            let h = light.fraction_above(p, n);
             if h == 0.0 {
                 return 0.0;
             }
@@ -231,7 +235,12 @@ impl Prepared for PreparedSsoc {
             .group_ranges()
             .map(|range| {
                 control.step()?;
-                Ok(range.map(one).collect())
+                let mut seen = Vec::with_capacity(range.len());
+                let (p, n) = (&receivers.positions, &receivers.normals);
+                light.fractions_above(&p[range.clone()], &n[range.clone()], |i, h| {
+                    seen.push(one(range.start + i, h));
+                });
+                Ok(seen)
             })
             .collect::<Result<_>>()?;
         Ok(Shading {
