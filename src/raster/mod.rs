@@ -3,13 +3,15 @@
 //! - this file: [`rasterize`], which bins triangles to tiles and hands each tile's fragments, triangle
 //!   by triangle, to a [`Sink`] of the caller's choice;
 //! - [`setup`]: from a triangle in space to edge functions and a depth plane in the image;
-//! - [`nearest`]: the sink that keeps the nearest triangle a pixel.
+//! - [`nearest`]: the sink that keeps the nearest triangle a pixel;
+//! - [`coverage`]: the pixels that triangles cover, row by row, for hard shadows that need no depth.
 //!
 //! A pixel belongs to a triangle when its centre does; a centre on an edge that two triangles share
 //! belongs to exactly one of them. Edge functions are `f64` and the same number, but for the sign, in
 //! both triangles at an edge, so there are neither cracks nor double hits (but for a sliver that rounding
 //! folds over its neighbour: it may be hit too). Screen coordinates are not snapped to a grid. Depth is perspective-correct, as `1 / z` in `f64`.
 
+pub mod coverage;
 pub mod nearest;
 pub mod setup;
 

@@ -24,22 +24,53 @@ const JUST_BELOW: f64 = -f64::MIN_POSITIVE;
 const DOUBT: f64 = 8.0 * f64::EPSILON;
 
 #[derive(Debug, Clone, Copy)]
-struct EdgeFunction {
-    x: f64,
-    y: f64,
-    dx: f64,
-    dy: f64,
+pub(super) struct EdgeFunction {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) dx: f64,
+    pub(super) dy: f64,
     /// The other end, and -1 where the triangle runs from there.
     to: [f64; 2],
     sign: f64,
     /// Inside where the function is greater.
-    above: f64,
+    pub(super) above: f64,
+}
+
+impl EdgeFunction {
+    /// Whether a point is inside.
+    #[inline(always)]
+    pub(super) fn contains(&self, p: [f64; 2]) -> bool {
+        let (term, other) = (self.dx * (p[1] - self.y), self.dy * (p[0] - self.x));
+        let value = term - other;
+        if value.abs() > DOUBT * (term.abs() + other.abs()) {
+            return value > 0.0;
+        }
+        self.contains_exactly(p)
+    }
+
+    #[cold]
+    fn contains_exactly(&self, p: [f64; 2]) -> bool {
+        let c = |p: [f64; 2]| robust::Coord { x: p[0], y: p[1] };
+        let value = self.sign * robust::orient2d(c([self.x, self.y]), c(self.to), c(p));
+        value > self.above
+    }
+
+    /// Where the edge crosses rows of pixels: the column in row 0, its change from row to row, and more than
+    /// rounding can be wrong by.
+    #[inline(always)]
+    pub(super) fn crossing(&self) -> (f64, f64, f64) {
+        let slope = self.dx / self.dy;
+        let first = self.x - 0.5 + slope * (0.5 - self.y);
+        let rows = slope.abs() * f64::from(MAX_SIZE);
+        let margin = 1e-6 + DOUBT * (first.abs() + self.x.abs() + rows);
+        (first, slope, margin)
+    }
 }
 
 /// A triangle in the image, ready to be filled.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup {
-    edges: [EdgeFunction; 3],
+    pub(super) edges: [EdgeFunction; 3],
     /// Inverse depth at `(x, y)` is `depth · (x, y, 1)`.
     depth: DVec3,
     range: [f64; 2],
@@ -153,10 +184,7 @@ impl Setup {
     #[inline(always)]
     pub fn crossings(&self) -> [Crossing; 3] {
         self.edges.map(|e| {
-            let slope = e.dx / e.dy;
-            let first = e.x - 0.5 + slope * (0.5 - e.y);
-            let rows = slope.abs() * f64::from(MAX_SIZE);
-            let margin = 1e-6 + DOUBT * (first.abs() + e.x.abs() + rows);
+            let (first, slope, margin) = e.crossing();
             if e.dy > 0.0 {
                 Crossing {
                     first: first + margin,
@@ -203,11 +231,7 @@ impl Setup {
     fn inside_exact(&self, block: &Block) -> u8 {
         (0..SPAN).fold(0, |mask, i| {
             let p = [block.x[i], block.y[i]];
-            let inside = self.edges.iter().all(|e| {
-                let c = |p: [f64; 2]| robust::Coord { x: p[0], y: p[1] };
-                let value = e.sign * robust::orient2d(c([e.x, e.y]), c(e.to), c(p));
-                value > e.above
-            });
+            let inside = self.edges.iter().all(|e| e.contains_exactly(p));
             mask | u8::from(inside) << i
         })
     }
@@ -238,7 +262,7 @@ pub struct Bounds([i32; 4]);
 
 impl Bounds {
     /// Of a point behind the near plane, where the image says nothing.
-    const BEHIND: Bounds = Bounds([i32::MIN; 4]);
+    pub(super) const BEHIND: Bounds = Bounds([i32::MIN; 4]);
 
     /// Bounds of a vertex, as [`Camera::project`] gives it.
     pub fn of_vertex(p: DVec3, camera: &Camera) -> Self {
@@ -250,20 +274,20 @@ impl Bounds {
     }
 
     #[inline(always)]
-    fn of_point(p: [f64; 2], camera: &Camera) -> Self {
+    pub(super) fn of_point(p: [f64; 2], camera: &Camera) -> Self {
         let (first_x, last_x) = centres(p[0], camera.width);
         let (first_y, last_y) = centres(p[1], camera.height);
         Bounds([first_x, first_y, -last_x, -last_y])
     }
 
     #[inline(always)]
-    fn and(self, o: Bounds) -> Bounds {
+    pub(super) fn and(self, o: Bounds) -> Bounds {
         Bounds(std::array::from_fn(|i| self.0[i].min(o.0[i])))
     }
 
     /// First and last column and row, if there are any.
     #[inline(always)]
-    fn pixels(self) -> Option<([u32; 2], [u32; 2])> {
+    pub(super) fn pixels(self) -> Option<([u32; 2], [u32; 2])> {
         let [x0, y0, x1, y1] = self.0;
         let some = x0 <= -x1 && y0 <= -y1;
         some.then_some(([x0 as u32, y0 as u32], [-x1 as u32, -y1 as u32]))
@@ -298,7 +322,7 @@ pub fn pixels(
     let [a, b, c] = face.map(|v| bounds[v as usize]);
     let all = a.and(b).and(c);
     if all.0 == Bounds::BEHIND.0 {
-        let (polygon, n) = in_front(face, points);
+        let (polygon, n) = in_front(face, &face.map(|v| points[v as usize]));
         let corners = polygon[..n].iter();
         corners
             .map(|p| Bounds::of_point([p.x / p.z, p.y / p.z], camera))
@@ -318,7 +342,7 @@ pub struct Outline {
 impl Outline {
     /// Of a triangle whose vertices were projected to `points`.
     pub fn new(face: &[u32; 3], points: &[DVec3]) -> Self {
-        let (polygon, count) = in_front(face, points);
+        let (polygon, count) = in_front(face, &face.map(|v| points[v as usize]));
         Outline {
             corners: polygon.map(|p| [p.x / p.z, p.y / p.z]),
             count,
@@ -369,10 +393,20 @@ pub fn triangle(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> Option<Se
 /// Clips a triangle at the near plane and sets up what can cover a pixel's centre.
 #[cold]
 pub fn clipped(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> [Option<Setup>; 2] {
+    clipped_corners(face, &face.map(|v| points[v as usize]), camera)
+}
+
+/// As [`clipped`], of a triangle's corners.
+#[cold]
+pub(super) fn clipped_corners(
+    face: &[u32; 3],
+    corners: &[DVec3; 3],
+    camera: &Camera,
+) -> [Option<Setup>; 2] {
     // From the whole triangle, since what the near plane leaves of it may have corners millions of pixels
     // away.
-    let depth = depth_plane(face.map(|v| points[v as usize]));
-    let (polygon, n) = in_front(face, points);
+    let depth = depth_plane(*corners);
+    let (polygon, n) = in_front(face, corners);
     let part = |i: usize| {
         let corners = [polygon[0], polygon[i - 1], polygon[i]];
         (i < n).then(|| one(corners, depth, camera)).flatten()
@@ -394,8 +428,7 @@ fn depth_plane(corners: [DVec3; 3]) -> DVec3 {
 
 /// The corners of a triangle's part in front of the near plane, and their number.
 #[cold]
-fn in_front(face: &[u32; 3], points: &[DVec3]) -> ([DVec3; 4], usize) {
-    let corners = face.map(|v| points[v as usize]);
+fn in_front(face: &[u32; 3], corners: &[DVec3; 3]) -> ([DVec3; 4], usize) {
     let in_front = corners.map(|p| p.z >= NEAR);
     let mut polygon = [DVec3::ZERO; 4];
     let mut n = 0;
@@ -423,15 +456,7 @@ fn one(corners: [DVec3; 3], depth: DVec3, camera: &Camera) -> Option<Setup> {
     let mut s = corners.map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z]);
     let [a, b, c] = s.map(|p| Bounds::of_point([p[0], p[1]], camera));
     let (low, high) = a.and(b).and(c).pixels()?;
-    let c = |p: &[f64; 3]| robust::Coord { x: p[0], y: p[1] };
-    let area = robust::orient2d(c(&s[0]), c(&s[1]), c(&s[2]));
-    if area == 0.0 || !area.is_finite() {
-        return None;
-    }
-    if area < 0.0 {
-        s.swap(1, 2);
-    }
-    let edges = [edge(&s[0], &s[1]), edge(&s[1], &s[2]), edge(&s[2], &s[0])];
+    let edges = edges(&mut s)?;
     let range = [
         s[0][2].min(s[1][2]).min(s[2][2]),
         s[0][2].max(s[1][2]).max(s[2][2]),
@@ -445,9 +470,23 @@ fn one(corners: [DVec3; 3], depth: DVec3, camera: &Camera) -> Option<Setup> {
     })
 }
 
+/// The edges of a triangle that has an area, wound to a positive one; corners are `(x, y, …)`.
+#[inline(always)]
+pub(super) fn edges<const N: usize>(s: &mut [[f64; N]; 3]) -> Option<[EdgeFunction; 3]> {
+    let c = |p: &[f64; N]| robust::Coord { x: p[0], y: p[1] };
+    let area = robust::orient2d(c(&s[0]), c(&s[1]), c(&s[2]));
+    if area == 0.0 || !area.is_finite() {
+        return None;
+    }
+    if area < 0.0 {
+        s.swap(1, 2);
+    }
+    Some([edge(&s[0], &s[1]), edge(&s[1], &s[2]), edge(&s[2], &s[0])])
+}
+
 /// Positive on the inner side of the edge from `a` to `b` of a triangle with positive area.
 #[inline(always)]
-fn edge(a: &[f64; 3], b: &[f64; 3]) -> EdgeFunction {
+fn edge<const N: usize>(a: &[f64; N], b: &[f64; N]) -> EdgeFunction {
     let flip = (b[0], b[1]) < (a[0], a[1]);
     let (from, to) = if flip { (b, a) } else { (a, b) };
     let sign = if flip { -1.0 } else { 1.0 };
