@@ -1,0 +1,211 @@
+//! What can cast on a receiver polygon: the occluders in its pyramid, cut at its plane.
+//!
+//! Herf and Heckbert 1996 transform every occluder for every light sample and clip it to
+//! `[0, 1]² × [1, ∞]`. Here the receiver's plane, `z = 1`, clips once for all samples, the hierarchy leaves out
+//! what is outside of the shaft from the receiver's bounds to the light's, and the rasteriser clips the
+//! rest: `[0, 1]²` are the image's borders, `∞` its near plane.
+//!
+//! The plane is the receiver's, moved towards the light by [`LIFT`], so that what stands on the receiver or is
+//! joined to it casts from there on and what lies in it does not cast.
+
+use std::collections::HashMap;
+
+use glam::{DVec3, Vec3};
+
+use super::patches::{FLAT, NONE, Parallelogram, Patches};
+use crate::bvh::TriangleBvh;
+use crate::bvh::outline::{Shaft, padded_bounds};
+use crate::geometry::Geometry;
+use crate::light::Light;
+use crate::sampling::POINT_OFFSET;
+
+/// How far the clipping plane is in front of the receiver's, times the largest coordinate (at least 1): beyond
+/// all corners of the patch itself, and the rounding of the others'.
+pub const LIFT: f64 = FLAT + POINT_OFFSET;
+
+/// The occluders of a patch.
+#[derive(Debug, Default)]
+pub struct Occluders {
+    /// Corners, local coordinates.
+    pub points: Vec<DVec3>,
+    /// Triangles that block everything.
+    pub opaque: Vec<[u32; 3]>,
+    /// Triangles that let a part through, and that part.
+    pub clear: Vec<([u32; 3], f32)>,
+}
+
+impl Occluders {
+    /// Bytes that they take.
+    pub fn bytes(&self) -> usize {
+        self.points.len() * size_of::<DVec3>() + self.opaque.len() * 12 + self.clear.len() * 16
+    }
+}
+
+/// The side of a patch that is lit: its parallelogram, moved in front of the patch, and the unit normal there.
+#[derive(Debug, Clone, Copy)]
+pub struct Side {
+    /// Moved by [`LIFT`].
+    pub bounds: Parallelogram,
+    /// Towards the side that is looked at.
+    pub normal: DVec3,
+}
+
+impl Side {
+    /// The side of a parallelogram that `normal` points to.
+    pub fn new(bounds: &Parallelogram, normal: DVec3) -> Self {
+        let largest = |m: f64, p: DVec3| m.max(p.abs().max_element());
+        let size = bounds.corners().into_iter().fold(1.0, largest);
+        Side {
+            bounds: bounds.moved(normal * (LIFT * size)),
+            normal,
+        }
+    }
+
+    /// Height of a point over it.
+    #[inline(always)]
+    fn height(&self, p: DVec3) -> f64 {
+        self.normal.dot(p - self.bounds.corner)
+    }
+}
+
+/// What a thread keeps between patches.
+#[derive(Debug, Default)]
+pub struct Gatherer {
+    stack: Vec<u32>,
+    found: Vec<(u32, f32)>,
+    vertices: HashMap<u32, u32>,
+    cuts: HashMap<(u32, u32), u32>,
+}
+
+impl Gatherer {
+    /// Collects what can hide a part of the light from a patch ([`NONE`]: a parallelogram that belongs to no
+    /// triangle). `opaque`: what has an opacity above 0 blocks everything.
+    pub fn collect(
+        &mut self,
+        geometry: &Geometry,
+        patches: &Patches,
+        patch: u32,
+        side: &Side,
+        light: &Light,
+        opaque: bool,
+    ) -> Occluders {
+        let (low, high) = bounds_of(&side.bounds);
+        let shaft = Shaft::new((low, high), padded_bounds(light));
+        self.found.clear();
+        let occluders = geometry.occluders();
+        self.search(&occluders.opaque, &shaft, |_| 0.0);
+        if let Some((bvh, through)) = &occluders.transparent {
+            self.search(bvh, &shaft, |i| if opaque { 0.0 } else { through[i] });
+        }
+        let front = light.normal().map(|m| (m, light.center()));
+        let highest = highest(light, side);
+        let mut out = Occluders::default();
+        self.vertices.clear();
+        self.cuts.clear();
+        let Gatherer {
+            found,
+            vertices,
+            cuts,
+            ..
+        } = self;
+        for &(face, through) in found.iter() {
+            if patch != NONE && patches.of_face[face as usize] == patch {
+                continue;
+            }
+            let corners = geometry.corners(face).map(|p| p.as_dvec3());
+            let heights = corners.map(|p| side.height(p));
+            let behind = |(m, c): (DVec3, DVec3)| corners.iter().all(|p| m.dot(*p - c) < 0.0);
+            if heights.iter().all(|h| *h <= 0.0)
+                || heights.iter().all(|h| *h > highest)
+                || front.is_some_and(behind)
+            {
+                continue;
+            }
+            let face = geometry.faces[face as usize];
+            let mut polygon = [0; 4];
+            let mut n = 0;
+            for i in 0..3 {
+                let j = (i + 1) % 3;
+                if heights[i] >= 0.0 {
+                    polygon[n] = *vertices
+                        .entry(face[i])
+                        .or_insert_with(|| push(&mut out.points, corners[i]));
+                    n += 1;
+                }
+                if (heights[i] >= 0.0) != (heights[j] >= 0.0) {
+                    // From the lower vertex, so that all triangles at the edge are cut at one point.
+                    let (a, b) = if face[i] < face[j] { (i, j) } else { (j, i) };
+                    polygon[n] = *cuts.entry((face[a], face[b])).or_insert_with(|| {
+                        let t = heights[a] / (heights[a] - heights[b]);
+                        push(&mut out.points, corners[a] + (corners[b] - corners[a]) * t)
+                    });
+                    n += 1;
+                }
+            }
+            for k in 2..n {
+                let corners = [polygon[0], polygon[k - 1], polygon[k]];
+                match through {
+                    0.0 => out.opaque.push(corners),
+                    t => out.clear.push((corners, t)),
+                }
+            }
+        }
+        out
+    }
+
+    fn search(&mut self, bvh: &TriangleBvh, shaft: &Shaft, through: impl Fn(usize) -> f32) {
+        self.stack.clear();
+        self.stack.push(0);
+        while let Some(i) = self.stack.pop() {
+            let Some(node) = bvh.tree.nodes.get(i as usize) else {
+                return;
+            };
+            if !shaft.meets(node) {
+                continue;
+            }
+            if node.count == 0 {
+                self.stack.extend([node.first, i + 1]);
+                continue;
+            }
+            let leaf = node.first as usize..(node.first + node.count) as usize;
+            self.found.extend(leaf.map(|k| (bvh.faces[k], through(k))));
+        }
+    }
+}
+
+/// Adds a point and returns its number.
+fn push(points: &mut Vec<DVec3>, p: DVec3) -> u32 {
+    points.push(p);
+    points.len() as u32 - 1
+}
+
+/// The bounds of a parallelogram, in `f32`.
+fn bounds_of(p: &Parallelogram) -> (Vec3, Vec3) {
+    let corners = p.corners();
+    let low = corners.iter().fold(DVec3::INFINITY, |m, c| m.min(*c));
+    let high = corners.iter().fold(DVec3::NEG_INFINITY, |m, c| m.max(*c));
+    (
+        low.as_vec3().map(f32::next_down),
+        high.as_vec3().map(f32::next_up),
+    )
+}
+
+/// No light point is higher over the receiver.
+fn highest(light: &Light, side: &Side) -> f64 {
+    let (low, high) = padded_bounds(light);
+    let corner = |k: usize| {
+        let pick = |axis: usize| {
+            if k >> axis & 1 == 1 {
+                high[axis]
+            } else {
+                low[axis]
+            }
+        };
+        side.height(DVec3::new(
+            f64::from(pick(0)),
+            f64::from(pick(1)),
+            f64::from(pick(2)),
+        ))
+    };
+    (0..8).map(corner).fold(f64::NEG_INFINITY, f64::max)
+}
