@@ -16,11 +16,21 @@ from softshadow._core import ParameterError, SceneError, UnsupportedError, __ver
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.methods import Hard, Method, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
+from softshadow.methods import (
+    Accumulation,
+    Hard,
+    Method,
+    RayTraced,
+    ShadowVolume,
+    Ssoc,
+    Wedges,
+    method_names,
+)
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Mesh, Scene, Spheres
 
 __all__ = [
+    "Accumulation",
     "Camera",
     "Comparison",
     "DiskLight",

@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Method;
+use crate::methods::accumulation::{Accumulation, Content};
 use crate::methods::hard::Hard;
 use crate::methods::ray_traced::RayTraced;
 use crate::methods::ssoc::Ssoc;
@@ -195,6 +196,11 @@ pub(super) struct PyMethod(pub(super) Arc<dyn Method>);
 #[pymethods]
 impl PyMethod {
     #[staticmethod]
+    fn accumulation(parameters: AccumulationParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
     fn hard() -> Self {
         PyMethod(Arc::new(Hard))
     }
@@ -233,6 +239,55 @@ impl PyMethod {
     #[staticmethod]
     fn wedges(parameters: WedgeParameters) -> Result<Self> {
         Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+}
+
+/// The parameters of averaged hard shadows as Python has them: attributes of `softshadow.Accumulation`.
+#[derive(FromPyObject)]
+pub(super) struct AccumulationParameters {
+    samples: i64,
+    seed: u64,
+    texture: String,
+    ambient: f64,
+    texel: Option<f64>,
+    max_size: i64,
+    interpolation: String,
+    memory_limit: f64,
+    opacity: Option<String>,
+}
+
+impl AccumulationParameters {
+    /// Checks them.
+    pub(super) fn parse(&self) -> Result<Accumulation> {
+        let method = "Accumulation";
+        let contents = [
+            ("radiance", Content::Radiance),
+            ("modulation", Content::Modulation),
+            ("eight_bit", Content::EightBit),
+        ];
+        let interpolations = [("linear", true), ("nearest", false)];
+        if self.memory_limit.is_nan() || self.memory_limit <= 0.0 {
+            let reason = format!("memory_limit must be positive, got {}", self.memory_limit);
+            return Err(Error::parameter(method, reason));
+        }
+        Accumulation {
+            // What is out of range stays so.
+            samples: usize::try_from(self.samples).unwrap_or(0),
+            seed: self.seed,
+            content: choice(method, "texture", &self.texture, &contents)?,
+            ambient: self.ambient,
+            texel: self.texel,
+            most_texels: u32::try_from(self.max_size).unwrap_or(0),
+            interpolate: choice(
+                method,
+                "interpolation",
+                &self.interpolation,
+                &interpolations,
+            )?,
+            memory: self.memory_limit as usize,
+            opaque: parse_opaque(method, self.opacity.as_deref())?,
+        }
+        .checked()
     }
 }
 

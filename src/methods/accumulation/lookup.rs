@@ -3,15 +3,15 @@
 //! A pixel's receiver lies between four texels' centres, which are interpolated. Texels whose centre is not on
 //! the polygon do not count, since what is there may be inside of a neighbouring body; where none of the four
 //! is on it (a polygon narrower than a texel) all do. At the texture's border the nearest texels stand for
-//! those beyond. So a shadow's edge is blurred by a texel, and at the foot of a body that stands on a polygon
-//! its texels under the body darken up to half a texel in front of it.
+//! those beyond. Nor do texels count that a line separates from the pixel in which an occluder passes through the
+//! polygon: under a body that stands on it all is dark, and stays there. So a shadow's edge is blurred by a
+//! texel, but for the one at a body's foot.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::occluders::Side;
 use super::patches::Parallelogram;
-use super::texture::Texture;
-use super::{Accumulation, Atlas, Content};
+use super::{Accumulation, Atlas, Content, Drawn};
 use crate::camera::Camera;
 use crate::light::Light;
 use crate::raster::coverage::{Bitmap, Projected, cover};
@@ -63,47 +63,148 @@ impl Mask {
     }
 }
 
+/// Where occluders pass through a texture, by the cells between four texels' centres.
+#[derive(Debug, Clone, Default)]
+pub struct Contacts {
+    /// In texels, from the centre of the first texel.
+    lines: Vec<[DVec2; 2]>,
+    /// A cell and a line that passes through it, in order.
+    cells: Vec<(u32, u32)>,
+    size: [u32; 2],
+}
+
+impl Contacts {
+    /// Sorts lines in space into the cells of a texture on `bounds`.
+    pub fn new(bounds: &Parallelogram, size: [u32; 2], lines: &[[DVec3; 2]]) -> Self {
+        let dual = bounds.dual();
+        let place = |p: DVec3| {
+            let d = p - bounds.corner;
+            let [x, y] = [0, 1].map(|k| dual[k].dot(d) * f64::from(size[k]) - 0.5);
+            DVec2::new(x, y)
+        };
+        let mut out = Contacts {
+            size,
+            ..Contacts::default()
+        };
+        let (first, last) = (
+            DVec2::splat(-0.5),
+            DVec2::new(f64::from(size[0]), f64::from(size[1])),
+        );
+        for line in lines {
+            let [a, b] = line.map(place);
+            let (low, high) = (a.min(b), a.max(b));
+            // Lines that are not numbers are left out too.
+            if !(low.cmple(last).all() && high.cmpge(first).all()) {
+                continue;
+            }
+            let id = out.lines.len() as u32;
+            out.lines.push([a, b]);
+            for y in cell(low.y, size[1])..=cell(high.y, size[1]) {
+                // The outermost cells reach to the texture's border and beyond.
+                let top = if y == 0 {
+                    f64::NEG_INFINITY
+                } else {
+                    f64::from(y)
+                };
+                let end = y + 1 >= size[1].saturating_sub(1).max(1);
+                let bottom = if end { f64::INFINITY } else { f64::from(y + 1) };
+                let along = |row: f64| {
+                    let t = ((row - a.y) / (b.y - a.y)).clamp(0.0, 1.0);
+                    if t.is_nan() {
+                        a.x
+                    } else {
+                        a.x + (b.x - a.x) * t
+                    }
+                };
+                let (mut x0, mut x1) = (along(top), along(bottom));
+                if a.y == b.y {
+                    (x0, x1) = (a.x, b.x);
+                }
+                // A thousandth of a texel covers rounding.
+                let (x0, x1) = (x0.min(x1) - 1e-3, x0.max(x1) + 1e-3);
+                for x in cell(x0, size[0])..=cell(x1, size[0]) {
+                    out.cells.push((y * size[0] + x, id));
+                }
+            }
+        }
+        out.cells.sort_unstable();
+        out
+    }
+
+    /// The lines in the cell around a point.
+    #[inline(always)]
+    fn near(&self, q: DVec2) -> &[(u32, u32)] {
+        if self.cells.is_empty() {
+            return &[];
+        }
+        let cell = cell(q.y, self.size[1]) * self.size[0] + cell(q.x, self.size[0]);
+        let first = self.cells.partition_point(|c| c.0 < cell);
+        let count = self.cells[first..]
+            .iter()
+            .take_while(|c| c.0 == cell)
+            .count();
+        &self.cells[first..first + count]
+    }
+
+    /// Whether one of these lines passes between a point and a texel's centre.
+    fn separate(&self, near: &[(u32, u32)], q: DVec2, texel: DVec2) -> bool {
+        let side = |a: DVec2, b: DVec2, p: DVec2| (b - a).perp_dot(p - a);
+        near.iter().any(|&(_, line)| {
+            let [a, b] = self.lines[line as usize];
+            let (s, t) = (side(a, b, q), side(a, b, texel));
+            let (u, v) = (side(q, texel, a), side(q, texel, b));
+            s * t < 0.0 && u * v <= 0.0
+        })
+    }
+
+    /// Bytes of lines and cells.
+    pub fn bytes(&self) -> usize {
+        self.lines.len() * size_of::<[DVec2; 2]>() + self.cells.len() * 8
+    }
+}
+
+/// The cell of a coordinate: between this texel's centre and the next one's.
+#[inline(always)]
+fn cell(x: f64, size: u32) -> u32 {
+    (x.max(0.0) as u32).min(size.saturating_sub(2))
+}
+
 /// A texture with what it takes to look a point up.
 pub struct Reader<'a> {
-    texture: &'a Texture,
-    mask: &'a Mask,
+    drawn: &'a Drawn,
     light: &'a Light,
     side: Side,
     method: &'a Accumulation,
     dual: [DVec3; 2],
-    bounds: Parallelogram,
 }
 
 impl<'a> Reader<'a> {
     /// A reader of a texture that was drawn with `light` and `side`.
-    pub fn new(
-        texture: &'a Texture,
-        mask: &'a Mask,
+    pub(super) fn new(
+        drawn: &'a Drawn,
         light: &'a Light,
         side: Side,
         method: &'a Accumulation,
     ) -> Self {
         Reader {
-            texture,
-            mask,
+            drawn,
             light,
             side,
             method,
             dual: side.bounds.dual(),
-            bounds: side.bounds,
         }
     }
 
     /// Visibility and irradiance (0 unless the texture has it) at a point of the polygon.
     pub fn at(&self, p: DVec3) -> [f32; 2] {
-        let d = p - self.bounds.corner;
-        let size = self.texture.size;
-        let [u, v] = [0, 1].map(|k| {
-            let texels = f64::from(size[k]);
+        let d = p - self.side.bounds.corner;
+        let size = self.drawn.texture.size;
+        let q = [0, 1].map(|k| {
+            let t = self.dual[k].dot(d) * f64::from(size[k]) - 0.5;
             // Not a number only where the polygon has no area.
-            let t = (self.dual[k].dot(d) * texels - 0.5).clamp(0.0, texels - 1.0);
             if t.is_nan() { 0.0 } else { t }
         });
+        let [u, v] = [0, 1].map(|k| q[k].clamp(0.0, f64::from(size[k] - 1)));
         if !self.method.interpolate {
             return self.texel((u + 0.5) as u32, (v + 0.5) as u32);
         }
@@ -127,18 +228,27 @@ impl<'a> Reader<'a> {
             }
             (total > 0.0).then(|| sum.map(|s| s / total))
         };
-        mean(&|x, y| self.mask.holds(x, y))
+        let (mask, contacts) = (&self.drawn.mask, &self.drawn.contacts);
+        let q = DVec2::from_array(q);
+        let near = contacts.near(q);
+        let joined = |x: u32, y: u32| {
+            near.is_empty() || !contacts.separate(near, q, DVec2::new(f64::from(x), f64::from(y)))
+        };
+        mean(&|x, y| mask.holds(x, y) && joined(x, y))
+            .or_else(|| mean(&joined))
+            .or_else(|| mean(&|x, y| mask.holds(x, y)))
             .or_else(|| mean(&|_, _| true))
             .unwrap_or_default()
     }
 
     #[inline(always)]
     fn texel(&self, x: u32, y: u32) -> [f32; 2] {
+        let texture = &self.drawn.texture;
         let (x, y) = (x as usize, y as usize);
-        let visibility = self.texture.visibility(x, y);
+        let visibility = texture.visibility(x, y);
         match self.method.content {
             Content::Radiance => {
-                let irradiance = self.texture.irradiance(x, y, self.light, &self.side);
+                let irradiance = texture.irradiance(x, y, self.light, &self.side);
                 [visibility, irradiance.unwrap_or(0.0)]
             }
             Content::Modulation => [visibility, 0.0],

@@ -38,7 +38,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
-use lookup::{Mask, Reader};
+use lookup::{Contacts, Mask, Reader};
 use occluders::{Gatherer, Occluders, Side};
 use patches::{NONE, Patches};
 use texture::{Scene, Texture, drawing_bytes, texture_bytes};
@@ -250,7 +250,7 @@ impl Atlas {
         Side::new(&patch.bounds, normal)
     }
 
-    /// Draws light points into a texture until it has so many.
+    /// Draws light points into a texture until it has so many; returns where occluders pass through it.
     ///
     /// # Errors
     /// [`Error::Cancelled`].
@@ -261,7 +261,7 @@ impl Atlas {
         samples: usize,
         gatherer: &mut Gatherer,
         control: &Control,
-    ) -> Result<()> {
+    ) -> Result<Contacts> {
         control.check()?;
         let side = self.side(key);
         let light = &self.lights[key.light as usize];
@@ -274,7 +274,8 @@ impl Atlas {
             seed: self.method.seed,
             occluders: &found,
         };
-        texture.refine(&scene, samples, control)
+        texture.refine(&scene, samples, control)?;
+        Ok(Contacts::new(&side.bounds, texture.size, &found.contacts))
     }
 
     /// An empty texture.
@@ -294,16 +295,17 @@ impl Atlas {
         samples: usize,
         control: &Control,
         done: impl Fn(usize) + Sync,
-    ) -> Result<()> {
+    ) -> Result<Vec<Contacts>> {
         // Large textures share their light points among threads, small ones are shared among them.
-        textures.par_iter_mut().with_max_len(1).try_for_each_init(
-            Gatherer::default,
-            |gatherer, (key, texture)| {
-                self.refine(texture, *key, samples, gatherer, control)?;
+        textures
+            .par_iter_mut()
+            .with_max_len(1)
+            .map_init(Gatherer::default, |gatherer, (key, texture)| {
+                let contacts = self.refine(texture, *key, samples, gatherer, control)?;
                 done(texture.size[0] as usize * texture.size[1] as usize);
-                Ok(())
-            },
-        )
+                Ok(contacts)
+            })
+            .collect()
     }
 }
 
@@ -329,6 +331,13 @@ struct PreparedAccumulation {
 struct Drawn {
     texture: Texture,
     mask: Mask,
+    contacts: Contacts,
+}
+
+impl Drawn {
+    fn bytes(&self) -> usize {
+        self.texture.bytes() + self.mask.bytes() + self.contacts.bytes()
+    }
 }
 
 impl Method for Accumulation {
@@ -380,7 +389,7 @@ impl PreparedAccumulation {
             .copied()
             .filter(|k| !known.contains_key(k))
             .collect();
-        let before = known.values().map(|d| d.texture.bytes()).sum();
+        let before = known.values().map(|d| d.bytes()).sum();
         self.atlas.check_memory(&missing, before)?;
         let mut textures: Vec<_> = missing
             .iter()
@@ -398,16 +407,22 @@ impl PreparedAccumulation {
             let before = finished.fetch_add(texels, Relaxed);
             control.advance(part(before + texels) - part(before));
         };
-        self.atlas
-            .draw(&mut textures, self.atlas.method.samples, control, progress)?;
+        let samples = self.atlas.method.samples;
+        let contacts = self.atlas.draw(&mut textures, samples, control, progress)?;
         if textures.is_empty() {
             control.advance(steps);
         }
         let drawn: Vec<_> = textures
             .into_par_iter()
-            .map(|(key, texture)| {
+            .zip(contacts)
+            .map(|((key, texture), contacts)| {
                 let mask = Mask::new(&self.atlas, key.patch);
-                (key, Arc::new(Drawn { texture, mask }))
+                let drawn = Drawn {
+                    texture,
+                    mask,
+                    contacts,
+                };
+                (key, Arc::new(drawn))
             })
             .collect();
         known.extend(drawn);
@@ -434,8 +449,7 @@ impl Prepared for PreparedAccumulation {
         let readers: HashMap<Key, Reader<'_>> = drawn
             .iter()
             .map(|(&key, d)| {
-                let reader =
-                    Reader::new(&d.texture, &d.mask, light, atlas.side(key), &atlas.method);
+                let reader = Reader::new(d, light, atlas.side(key), &atlas.method);
                 (key, reader)
             })
             .collect();
@@ -459,10 +473,7 @@ impl Prepared for PreparedAccumulation {
 
     fn bytes(&self) -> usize {
         let known = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
-        let textures: usize = known
-            .values()
-            .map(|d| d.texture.bytes() + d.mask.bytes())
-            .sum();
+        let textures: usize = known.values().map(|d| d.bytes()).sum();
         textures + self.atlas.patches.bytes()
     }
 }

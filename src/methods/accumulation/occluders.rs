@@ -32,12 +32,17 @@ pub struct Occluders {
     pub opaque: Vec<[u32; 3]>,
     /// Triangles that let a part through, and that part.
     pub clear: Vec<([u32; 3], f32)>,
+    /// Where they pass through the receiver's plane.
+    pub contacts: Vec<[DVec3; 2]>,
 }
 
 impl Occluders {
     /// Bytes that they take.
     pub fn bytes(&self) -> usize {
-        self.points.len() * size_of::<DVec3>() + self.opaque.len() * 12 + self.clear.len() * 16
+        self.points.len() * size_of::<DVec3>()
+            + self.opaque.len() * 12
+            + self.clear.len() * 16
+            + self.contacts.len() * size_of::<[DVec3; 2]>()
     }
 }
 
@@ -98,6 +103,7 @@ impl Gatherer {
             self.search(bvh, &shaft, |i| if opaque { 0.0 } else { through[i] });
         }
         let front = light.normal().map(|m| (m, light.center()));
+        let pyramid = pyramid(light, side);
         let highest = highest(light, side);
         let mut out = Occluders::default();
         self.vertices.clear();
@@ -118,12 +124,15 @@ impl Gatherer {
             if heights.iter().all(|h| *h <= 0.0)
                 || heights.iter().all(|h| *h > highest)
                 || front.is_some_and(behind)
+                || pyramid.iter().any(|s| s.leaves_out(&corners))
             {
                 continue;
             }
             let face = geometry.faces[face as usize];
             let mut polygon = [0; 4];
             let mut n = 0;
+            let mut cut_at = [DVec3::ZERO; 2];
+            let mut cut = 0;
             for i in 0..3 {
                 let j = (i + 1) % 3;
                 if heights[i] >= 0.0 {
@@ -139,8 +148,12 @@ impl Gatherer {
                         let t = heights[a] / (heights[a] - heights[b]);
                         push(&mut out.points, corners[a] + (corners[b] - corners[a]) * t)
                     });
+                    (cut_at[cut], cut) = (out.points[polygon[n] as usize], cut + 1);
                     n += 1;
                 }
+            }
+            if cut == 2 {
+                out.contacts.push(cut_at);
             }
             for k in 2..n {
                 let corners = [polygon[0], polygon[k - 1], polygon[k]];
@@ -173,6 +186,56 @@ impl Gatherer {
     }
 }
 
+/// A half-space that holds the receiver and the light.
+#[derive(Debug, Clone, Copy)]
+struct HalfSpace {
+    normal: DVec3,
+    offset: f64,
+}
+
+impl HalfSpace {
+    #[inline(always)]
+    fn leaves_out(&self, corners: &[DVec3; 3]) -> bool {
+        corners.iter().all(|p| self.normal.dot(*p) > self.offset)
+    }
+}
+
+/// For each side of the receiver the half-space bounded by a plane through it that fits tightest around the
+/// light's box.
+fn pyramid(light: &Light, side: &Side) -> [HalfSpace; 4] {
+    let box_ = box_of(light);
+    let corners = side.bounds.corners();
+    [0, 1, 2, 3].map(|i| {
+        let (a, b) = (corners[i], corners[(i + 1) % 4]);
+        let inside = corners[(i + 2) % 4];
+        let through = |l: &DVec3| {
+            let n = (b - a).cross(*l - a).normalize_or_zero();
+            let normal = if n.dot(inside - a) > 0.0 { -n } else { n };
+            let all = box_.iter().chain(&corners);
+            let offset = all
+                .map(|p| normal.dot(*p))
+                .fold(f64::NEG_INFINITY, f64::max);
+            (offset - normal.dot(a), HalfSpace { normal, offset })
+        };
+        let tightest = box_
+            .iter()
+            .map(through)
+            .filter(|(_, h)| h.normal != DVec3::ZERO);
+        let none = HalfSpace {
+            normal: DVec3::ZERO,
+            offset: 0.0,
+        };
+        let best = tightest
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(none, |t| t.1);
+        // Far more than rounding, far less than a texel.
+        HalfSpace {
+            offset: best.offset + POINT_OFFSET,
+            ..best
+        }
+    })
+}
+
 /// Adds a point and returns its number.
 fn push(points: &mut Vec<DVec3>, p: DVec3) -> u32 {
     points.push(p);
@@ -190,22 +253,23 @@ fn bounds_of(p: &Parallelogram) -> (Vec3, Vec3) {
     )
 }
 
-/// No light point is higher over the receiver.
-fn highest(light: &Light, side: &Side) -> f64 {
+/// Corners of a box around all light points.
+fn box_of(light: &Light) -> [DVec3; 8] {
     let (low, high) = padded_bounds(light);
-    let corner = |k: usize| {
+    std::array::from_fn(|k| {
         let pick = |axis: usize| {
-            if k >> axis & 1 == 1 {
+            f64::from(if k >> axis & 1 == 1 {
                 high[axis]
             } else {
                 low[axis]
-            }
+            })
         };
-        side.height(DVec3::new(
-            f64::from(pick(0)),
-            f64::from(pick(1)),
-            f64::from(pick(2)),
-        ))
-    };
-    (0..8).map(corner).fold(f64::NEG_INFINITY, f64::max)
+        DVec3::new(pick(0), pick(1), pick(2))
+    })
+}
+
+/// No light point is higher over the receiver.
+fn highest(light: &Light, side: &Side) -> f64 {
+    let heights = box_of(light).map(|p| side.height(p));
+    heights.into_iter().fold(f64::NEG_INFINITY, f64::max)
 }

@@ -79,11 +79,14 @@ pub struct Patch {
 impl Patch {
     /// Texels along each edge: enough for texels of this size, a power of two, at most `most`.
     pub fn texture_size(&self, texel: f64, most: u32) -> [u32; 2] {
+        // A triangle's parallelogram has its middle on the triangle's side; with two texels along an edge one
+        // has its centre inside.
+        let least = if self.faces.len() == 1 { 2 } else { 1 };
         self.bounds.edges.map(|e| {
             // A side that is whole texels long but for rounding has no further one.
             let texels = (e.length() / texel * (1.0 - SAME)).ceil();
             let texels = texels.clamp(1.0, f64::from(most)) as u32;
-            texels.next_power_of_two().min(most)
+            texels.max(least).next_power_of_two().min(most)
         })
     }
 }
