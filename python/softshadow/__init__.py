@@ -13,6 +13,7 @@ row 0 on top, *visibility* is 1 where fully lit and 0 in the umbra.
 
 from softshadow import kernels, metrics, mitsuba, plot, scenes
 from softshadow._core import ParameterError, SceneError, UnsupportedError, __version__
+from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
@@ -31,6 +32,8 @@ from softshadow.scene import Mesh, Scene, Spheres
 
 __all__ = [
     "Accumulation",
+    "Bake",
+    "BakedTexture",
     "Camera",
     "Comparison",
     "DiskLight",
@@ -40,6 +43,7 @@ __all__ = [
     "Mesh",
     "Method",
     "ParameterError",
+    "Polygon",
     "Prepared",
     "RayTraced",
     "RectLight",
@@ -52,6 +56,8 @@ __all__ = [
     "UnsupportedError",
     "Wedges",
     "__version__",
+    "bake",
+    "bake_layout",
     "compare",
     "kernels",
     "method_names",

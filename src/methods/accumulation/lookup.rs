@@ -253,7 +253,7 @@ impl<'a> Reader<'a> {
             }
             Content::Modulation => [visibility, 0.0],
             Content::EightBit => {
-                let level = self.method.eight_bits(visibility);
+                let level = self.method.eight_bits(visibility, texture.samples);
                 [self.method.from_eight_bits(level), 0.0]
             }
         }

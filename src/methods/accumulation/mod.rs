@@ -39,8 +39,8 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
 use lookup::{Contacts, Mask, Reader};
-use occluders::{Gatherer, Occluders, Side};
-use patches::{NONE, Patches};
+use occluders::{Gatherer, Side};
+use patches::Patches;
 use texture::{Scene, Texture, drawing_bytes, texture_bytes};
 
 /// Largest side of a texture that can be asked for.
@@ -128,12 +128,12 @@ impl Accumulation {
         (256.0 * self.ambient).round() as usize
     }
 
-    /// What an eight-bit texture holds at a visibility: `a` and `(256 - a) / n` for each light point seen, added
-    /// with saturation.
-    pub fn eight_bits(&self, visibility: f32) -> u8 {
+    /// What an eight-bit texture of so many light points holds at a visibility: `a` and `(256 - a) / n` for each
+    /// point seen, added with saturation.
+    pub fn eight_bits(&self, visibility: f32, samples: usize) -> u8 {
         let a = self.ambient_level();
-        let step = (256 - a) / self.samples.max(1);
-        let seen = (f64::from(visibility) * self.samples as f64).round() as usize;
+        let step = (256 - a) / samples.max(1);
+        let seen = (f64::from(visibility) * samples as f64).round() as usize;
         (a + step * seen).min(255) as u8
     }
 
@@ -327,7 +327,7 @@ struct PreparedAccumulation {
     drawn: Mutex<HashMap<Key, Arc<Drawn>>>,
 }
 
-/// A finished texture.
+/// A finished texture, and what looking it up needs.
 struct Drawn {
     texture: Texture,
     mask: Mask,
@@ -483,9 +483,4 @@ fn unshadowed(light: &Light, p: DVec3, n: DVec3) -> [f32; 2] {
         light.fraction_above(p, n) as f32,
         light.unshadowed_irradiance(p, n) as f32,
     ]
-}
-
-/// The occluders of a parallelogram that is no part of the scene.
-pub fn occluders_of(geometry: &Geometry, side: &Side, light: &Light, opaque: bool) -> Occluders {
-    Gatherer::default().collect(geometry, &Patches::default(), NONE, side, light, opaque)
 }

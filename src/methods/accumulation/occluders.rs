@@ -37,6 +37,17 @@ pub struct Occluders {
 }
 
 impl Occluders {
+    /// The triangles of a mesh over a receiver's plane, opaque.
+    pub fn of_mesh(positions: &[DVec3], faces: &[[u32; 3]], side: &Side) -> Self {
+        let mut found = Gatherer::default();
+        let mut out = Occluders::default();
+        for face in faces {
+            let corners = face.map(|v| positions[v as usize]);
+            found.add(&mut out, face, &corners, side, 0.0);
+        }
+        out
+    }
+
     /// Bytes that they take.
     pub fn bytes(&self) -> usize {
         self.points.len() * size_of::<DVec3>()
@@ -108,13 +119,8 @@ impl Gatherer {
         let mut out = Occluders::default();
         self.vertices.clear();
         self.cuts.clear();
-        let Gatherer {
-            found,
-            vertices,
-            cuts,
-            ..
-        } = self;
-        for &(face, through) in found.iter() {
+        let found = std::mem::take(&mut self.found);
+        for &(face, through) in &found {
             if patch != NONE && patches.of_face[face as usize] == patch {
                 continue;
             }
@@ -129,41 +135,56 @@ impl Gatherer {
                 continue;
             }
             let face = geometry.faces[face as usize];
-            let mut polygon = [0; 4];
-            let mut n = 0;
-            let mut cut_at = [DVec3::ZERO; 2];
-            let mut cut = 0;
-            for i in 0..3 {
-                let j = (i + 1) % 3;
-                if heights[i] >= 0.0 {
-                    polygon[n] = *vertices
-                        .entry(face[i])
-                        .or_insert_with(|| push(&mut out.points, corners[i]));
-                    n += 1;
-                }
-                if (heights[i] >= 0.0) != (heights[j] >= 0.0) {
-                    // From the lower vertex, so that all triangles at the edge are cut at one point.
-                    let (a, b) = if face[i] < face[j] { (i, j) } else { (j, i) };
-                    polygon[n] = *cuts.entry((face[a], face[b])).or_insert_with(|| {
-                        let t = heights[a] / (heights[a] - heights[b]);
-                        push(&mut out.points, corners[a] + (corners[b] - corners[a]) * t)
-                    });
-                    (cut_at[cut], cut) = (out.points[polygon[n] as usize], cut + 1);
-                    n += 1;
-                }
+            self.add(&mut out, &face, &corners, side, through);
+        }
+        self.found = found;
+        out
+    }
+
+    /// Adds the part of a triangle over the receiver's plane.
+    fn add(
+        &mut self,
+        out: &mut Occluders,
+        face: &[u32; 3],
+        corners: &[DVec3; 3],
+        side: &Side,
+        through: f32,
+    ) {
+        let heights = corners.map(|p| side.height(p));
+        let mut polygon = [0; 4];
+        let mut n = 0;
+        let mut cut_at = [DVec3::ZERO; 2];
+        let mut cut = 0;
+        for i in 0..3 {
+            let j = (i + 1) % 3;
+            if heights[i] >= 0.0 {
+                polygon[n] = *self
+                    .vertices
+                    .entry(face[i])
+                    .or_insert_with(|| push(&mut out.points, corners[i]));
+                n += 1;
             }
-            if cut == 2 {
-                out.contacts.push(cut_at);
-            }
-            for k in 2..n {
-                let corners = [polygon[0], polygon[k - 1], polygon[k]];
-                match through {
-                    0.0 => out.opaque.push(corners),
-                    t => out.clear.push((corners, t)),
-                }
+            if (heights[i] >= 0.0) != (heights[j] >= 0.0) {
+                // From the lower vertex, so that all triangles at the edge are cut at one point.
+                let (a, b) = if face[i] < face[j] { (i, j) } else { (j, i) };
+                polygon[n] = *self.cuts.entry((face[a], face[b])).or_insert_with(|| {
+                    let t = heights[a] / (heights[a] - heights[b]);
+                    push(&mut out.points, corners[a] + (corners[b] - corners[a]) * t)
+                });
+                (cut_at[cut], cut) = (out.points[polygon[n] as usize], cut + 1);
+                n += 1;
             }
         }
-        out
+        if cut == 2 {
+            out.contacts.push(cut_at);
+        }
+        for k in 2..n {
+            let corners = [polygon[0], polygon[k - 1], polygon[k]];
+            match through {
+                0.0 => out.opaque.push(corners),
+                t => out.clear.push((corners, t)),
+            }
+        }
     }
 
     fn search(&mut self, bvh: &TriangleBvh, shaft: &Shaft, through: impl Fn(usize) -> f32) {

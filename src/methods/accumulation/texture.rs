@@ -38,7 +38,7 @@ const BATCH_BYTES: usize = 64 << 20;
 const SMALL: usize = 1 << 18;
 
 /// Sums over light points.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Texture {
     /// Texels along both edges.
     pub size: [u32; 2],
@@ -157,9 +157,18 @@ impl Texture {
             let pattern = Pattern::part(self.samples..end, scene.seed);
             let sampler = Sampler::new(*scene.light, scene.number, pattern, true);
             let points = sampler.shared(&corners);
+            let side = &scene.side;
             let draw = |point: &SharedPoint| {
                 control.check()?;
-                Ok(self.draw(scene, point))
+                let height = side.normal.dot(point.position - side.bounds.corner);
+                let beam = Beam {
+                    position: point.position.as_vec3(),
+                    normal: point.normal.as_vec3(),
+                    height: height as f32,
+                    area: point.area as f32,
+                };
+                let occluders = scene.occluders;
+                Ok(draw(occluders, side, point.position, self.size, beam))
             };
             let work = self.seen.len() * LANES + 16 * scene.occluders.points.len();
             let small = work * points.len() < SMALL;
@@ -178,34 +187,6 @@ impl Texture {
             self.samples = end;
         }
         Ok(())
-    }
-
-    /// Draws the hard shadow of one light point.
-    fn draw(&self, scene: &Scene<'_>, point: &SharedPoint) -> Shadow {
-        let [width, height] = self.size;
-        let side = &scene.side;
-        let above = side.normal.dot(point.position - side.bounds.corner);
-        let mut shadow = Shadow {
-            beam: Beam {
-                position: point.position.as_vec3(),
-                normal: point.normal.as_vec3(),
-                height: above as f32,
-                area: point.area as f32,
-            },
-            blocked: Bitmap::default(),
-            through: Vec::new(),
-        };
-        shadow.blocked.reset(width, height);
-        let view = camera(point.position, &side.bounds, self.size).filter(|_| above > 0.0);
-        let Some(view) = view else {
-            shadow.blocked.words.fill(u64::MAX);
-            return shadow;
-        };
-        let (occluders, view, stride) = (scene.occluders, &view, self.stride);
-        let shadow_of = &mut shadow;
-        dispatch!(detect() => draw_lanes(
-            occluders: &Occluders, view: &Camera, stride: usize, shadow_of: &mut Shadow));
-        shadow
     }
 
     /// Adds up the shadows of a batch.
@@ -292,6 +273,37 @@ impl Texture {
     pub fn bytes(&self) -> usize {
         (self.seen.len() + self.light.len() + self.weight.len()) * size_of::<Row>()
     }
+}
+
+/// The texels that a mesh's opaque triangles hide from one light point; all if it is under the receiver.
+pub fn hard_shadow(occluders: &Occluders, side: &Side, point: DVec3, size: [u32; 2]) -> Bitmap {
+    let beam = Beam {
+        position: Vec3::ZERO,
+        normal: Vec3::ZERO,
+        height: side.normal.dot(point - side.bounds.corner) as f32,
+        area: 0.0,
+    };
+    draw(occluders, side, point, size, beam).blocked
+}
+
+/// Draws the hard shadow of one light point.
+fn draw(occluders: &Occluders, side: &Side, point: DVec3, size: [u32; 2], beam: Beam) -> Shadow {
+    let [width, height] = size;
+    let mut shadow = Shadow {
+        beam,
+        blocked: Bitmap::default(),
+        through: Vec::new(),
+    };
+    shadow.blocked.reset(width, height);
+    let view = camera(point, &side.bounds, size).filter(|_| beam.height > 0.0);
+    let Some(view) = &view else {
+        shadow.blocked.words.fill(u64::MAX);
+        return shadow;
+    };
+    let (stride, shadow_of) = ((width as usize).div_ceil(LANES), &mut shadow);
+    dispatch!(detect() => draw_lanes(
+        occluders: &Occluders, view: &Camera, stride: usize, shadow_of: &mut Shadow));
+    shadow
 }
 
 /// Solid angle of a sphere.
