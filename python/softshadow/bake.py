@@ -11,6 +11,7 @@ row ``r`` and column ``c`` of an (H, W) texture has its centre at
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -257,9 +258,7 @@ def _polygons(
         raise ValueError(f"side: expected 'light', 'front' or 'back', got {side!r}")
     entries = [scene.names.index(name) for name in receivers]
     with _Bar(progress, "bake: layout") as report:
-        core = _core.textures(
-            scene._core, [x._core for x in lights], method, entries, side, report
-        )
+        core = _core.textures(scene._core, [x._core for x in lights], method, entries, side, report)
     out = []
     for i in range(len(core)):
         raw = core.polygon(i)
@@ -317,9 +316,7 @@ class _Accumulated(_Job):
         super().__init__()
         self.lights, self.single = _lights(light)
         self.scene, self.method = scene, method
-        self.core, self.polygons = _polygons(
-            scene, self.lights, receivers, method, side, progress
-        )
+        self.core, self.polygons = _polygons(scene, self.lights, receivers, method, side, progress)
         self.bytes = self.core.bytes
         self.samples = 0
         self._draw(method.samples, progress)
@@ -387,6 +384,8 @@ class _Chart:
     positions: npt.NDArray[np.float64]
     normals: npt.NDArray[np.float64]
     mask: npt.NDArray[np.bool_]
+    known: npt.NDArray[np.bool_]
+    """Which texels have a point."""
     source: npt.NDArray[np.int64] | None
     """Flat index of the texel that each one repeats, if some repeat others."""
     polygon: Polygon | None
@@ -406,14 +405,14 @@ class _AtPoints(_Job):
         self.scene, self.charts = scene, charts
         prepared = Prepared(scene, self.lights, method, progress)
         self.seconds["prepare"] = prepared.seconds["prepare"]
-        points = [c.positions[c.mask] for c in charts]
-        normals = [c.normals[c.mask] for c in charts]
+        points = [c.positions[c.known] for c in charts]
+        normals = [c.normals[c.known] for c in charts]
         self.bytes = _POINT_BYTES * sum(len(p) for p in points)
-        start = _now()
+        start = time.perf_counter()
         seen = prepared.visibility(np.concatenate(points), np.concatenate(normals), progress)
         ends = np.cumsum([len(p) for p in points])[:-1]
         self.seen = np.split(seen, ends, axis=1)
-        self.seconds["textures"] = _now() - start
+        self.seconds["textures"] = time.perf_counter() - start
 
     def __len__(self) -> int:
         return len(self.charts)
@@ -424,11 +423,11 @@ class _AtPoints(_Job):
     def texture(self, i: int) -> BakedTexture:
         chart = self.charts[i]
         seen = np.zeros((len(self.lights), *chart.mask.shape), dtype=np.float32)
-        seen[:, chart.mask] = self.seen[i]
+        seen[:, chart.known] = self.seen[i]
         irradiance = np.zeros(seen.shape)
         for k, light in enumerate(self.lights):
-            irradiance[k][chart.mask] = _unshadowed(
-                light, chart.positions[chart.mask], chart.normals[chart.mask], self.seen[i][k]
+            irradiance[k][chart.known] = _unshadowed(
+                light, chart.positions[chart.known], chart.normals[chart.known], self.seen[i][k]
             )
         radiance = _radiance(list(irradiance), self.lights, self.scene._mesh(chart.receiver), 0.0)
         if chart.source is not None:
@@ -447,12 +446,6 @@ class _AtPoints(_Job):
         )
 
 
-def _now() -> float:
-    import time
-
-    return time.perf_counter()
-
-
 def _planar_chart(polygon: Polygon, mask: npt.NDArray[np.bool_]) -> _Chart:
     positions = polygon.texel_positions()
     return _Chart(
@@ -461,8 +454,9 @@ def _planar_chart(polygon: Polygon, mask: npt.NDArray[np.bool_]) -> _Chart:
         uv=polygon.uv,
         positions=positions,
         normals=np.broadcast_to(polygon.normal, positions.shape),
+        mask=mask,
         # Every texel of the parallelogram, as accumulation has them.
-        mask=np.ones_like(mask),
+        known=np.ones_like(mask),
         source=None,
         polygon=polygon,
     )
@@ -519,6 +513,7 @@ def _unwrapped_chart(
         positions=positions,
         normals=normals,
         mask=mask,
+        known=mask,
         source=source,
         polygon=None,
     )
@@ -555,9 +550,7 @@ def _corner_uv(entry: Mesh, uv: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return array
 
 
-def _layout_method(
-    method: Method, texel: float | None, max_size: int | None
-) -> Accumulation:
+def _layout_method(method: Method, texel: float | None, max_size: int | None) -> Accumulation:
     layout = method if isinstance(method, Accumulation) else Accumulation(samples=1)
     if texel is not None:
         layout = replace(layout, texel=texel)
@@ -689,9 +682,7 @@ def bake(
             f"bake: {texels} texels take {_POINT_BYTES * texels / 1e9:.2f} GB, more than "
             f"{layout.memory_limit / 1e9:.2f} GB; a larger texel or a smaller size takes less"
         )
-    charts = [
-        _planar_chart(p, core.mask(i)) for i, p in enumerate(polygons) if core is not None
-    ]
+    charts = [_planar_chart(p, core.mask(i)) for i, p in enumerate(polygons) if core is not None]
     for name, corners in unwrapped.items():
         charts.append(_unwrapped_chart(scene._mesh(name), corners, (width, height), padding))
     return Bake(_AtPoints(scene, lights[0] if single else lights, charts, chosen, progress), chosen)
