@@ -74,7 +74,9 @@ class Polygon:
         u = (np.arange(width) + 0.5) / width
         v = 1 - (np.arange(height) + 0.5) / height
         along_u = u[None, :, None] * self.edges[0]
-        return self.corner + along_u + v[:, None, None] * self.edges[1]
+        along_v = v[:, None, None] * self.edges[1]
+        positions: npt.NDArray[np.float64] = self.corner + along_u + along_v
+        return positions
 
 
 @dataclass(frozen=True)
