@@ -39,7 +39,7 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
 use lookup::{Contacts, Mask, Reader};
-use occluders::{Gatherer, Side};
+use occluders::{Casting, Gatherer, Side, bodies};
 use patches::Patches;
 use texture::{Scene, Texture, drawing_bytes, texture_bytes};
 
@@ -168,6 +168,7 @@ pub struct Atlas {
     pub lights: Vec<Light>,
     /// The parameters.
     pub method: Accumulation,
+    bodies: Vec<Option<[DVec3; 8]>>,
     /// Local size of a texel.
     texel: f64,
 }
@@ -193,12 +194,14 @@ impl Atlas {
         };
         geometry.occluders();
         let patches = Patches::new(&geometry);
+        let bodies = bodies(&geometry);
         let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         Ok(Atlas {
             geometry,
             patches,
             lights,
             method,
+            bodies,
             texel,
         })
     }
@@ -265,8 +268,13 @@ impl Atlas {
         control.check()?;
         let side = self.side(key);
         let light = &self.lights[key.light as usize];
-        let (geometry, opaque) = (&self.geometry, self.method.opaque);
-        let found = gatherer.collect(geometry, &self.patches, key.patch, &side, light, opaque);
+        let casting = Casting {
+            geometry: &self.geometry,
+            patches: &self.patches,
+            bodies: &self.bodies,
+            opaque: self.method.opaque,
+        };
+        let found = gatherer.collect(&casting, key.patch, &side, light);
         let scene = Scene {
             side,
             light,

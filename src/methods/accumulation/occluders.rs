@@ -12,10 +12,10 @@ use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
-use super::patches::{FLAT, NONE, Parallelogram, Patches};
+use super::patches::{FLAT, Parallelogram, Patches};
 use crate::bvh::TriangleBvh;
 use crate::bvh::outline::{Shaft, padded_bounds};
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, MeshRange};
 use crate::light::Light;
 use crate::sampling::POINT_OFFSET;
 
@@ -30,6 +30,8 @@ pub struct Occluders {
     pub points: Vec<DVec3>,
     /// Triangles that block everything.
     pub opaque: Vec<[u32; 3]>,
+    /// Those of closed bodies between the receiver and the light: the ones that face one way do for all.
+    pub closed: Vec<[u32; 3]>,
     /// Triangles that let a part through, and that part.
     pub clear: Vec<([u32; 3], f32)>,
     /// Where they pass through the receiver's plane.
@@ -43,7 +45,7 @@ impl Occluders {
         let mut out = Occluders::default();
         for face in faces {
             let corners = face.map(|v| positions[v as usize]);
-            found.add(&mut out, face, &corners, side, 0.0);
+            found.add(&mut out, face, &corners, side, Part::Opaque);
         }
         out
     }
@@ -51,7 +53,7 @@ impl Occluders {
     /// Bytes that they take.
     pub fn bytes(&self) -> usize {
         self.points.len() * size_of::<DVec3>()
-            + self.opaque.len() * 12
+            + (self.opaque.len() + self.closed.len()) * 12
             + self.clear.len() * 16
             + self.contacts.len() * size_of::<[DVec3; 2]>()
     }
@@ -84,44 +86,104 @@ impl Side {
     }
 }
 
+/// How a triangle casts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Part {
+    Opaque,
+    Closed,
+    /// It lets this part through.
+    Clear(f32),
+}
+
+/// What casts in a scene.
+#[derive(Debug, Clone, Copy)]
+pub struct Casting<'a> {
+    /// The scene.
+    pub geometry: &'a Geometry,
+    /// Its receiver polygons.
+    pub patches: &'a Patches,
+    /// For each of its meshes the corners of its bounds, if it is closed.
+    pub bodies: &'a [Option<[DVec3; 8]>],
+    /// Whether what has an opacity above 0 blocks everything.
+    pub opaque: bool,
+}
+
+/// Finds the closed meshes: every edge has two faces that run through it in opposite directions.
+pub fn bodies(geometry: &Geometry) -> Vec<Option<[DVec3; 8]>> {
+    let closed = |mesh: &MeshRange| {
+        let faces = mesh.mesh.adjacency().pairs();
+        faces.iter().flatten().all(|&f| f < mesh.faces)
+    };
+    let corners = |mesh: &MeshRange| {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for face in mesh.first_face..mesh.first_face + mesh.faces {
+            for p in geometry.corners(face) {
+                (low, high) = (low.min(p), high.max(p));
+            }
+        }
+        corners_of(low, high)
+    };
+    let meshes = geometry.meshes.iter();
+    meshes.map(|m| closed(m).then(|| corners(m))).collect()
+}
+
 /// What a thread keeps between patches.
 #[derive(Debug, Default)]
 pub struct Gatherer {
     stack: Vec<u32>,
-    found: Vec<(u32, f32)>,
+    found: Vec<(u32, Part)>,
     vertices: HashMap<u32, u32>,
     cuts: HashMap<(u32, u32), u32>,
 }
 
 impl Gatherer {
-    /// Collects what can hide a part of the light from a patch ([`NONE`]: a parallelogram that belongs to no
-    /// triangle). `opaque`: what has an opacity above 0 blocks everything.
+    /// Collects what can hide a part of the light from a side of a patch.
     pub fn collect(
         &mut self,
-        geometry: &Geometry,
-        patches: &Patches,
+        casting: &Casting<'_>,
         patch: u32,
         side: &Side,
         light: &Light,
-        opaque: bool,
     ) -> Occluders {
+        let Casting {
+            geometry,
+            patches,
+            opaque,
+            ..
+        } = *casting;
         let (low, high) = bounds_of(&side.bounds);
         let shaft = Shaft::new((low, high), padded_bounds(light));
         self.found.clear();
         let occluders = geometry.occluders();
-        self.search(&occluders.opaque, &shaft, |_| 0.0);
+        self.search(&occluders.opaque, &shaft, |_| Part::Opaque);
         if let Some((bvh, through)) = &occluders.transparent {
-            self.search(bvh, &shaft, |i| if opaque { 0.0 } else { through[i] });
+            let part = |i: usize| {
+                if opaque {
+                    Part::Opaque
+                } else {
+                    Part::Clear(through[i])
+                }
+            };
+            self.search(bvh, &shaft, part);
         }
         let front = light.normal().map(|m| (m, light.center()));
         let pyramid = pyramid(light, side);
-        let highest = highest(light, side);
+        let (lowest, highest) = heights(light, side);
+        // Bodies that do not reach either plane, by more than rounding and the rasteriser's near plane.
+        let between = |body: &Option<[DVec3; 8]>| {
+            body.is_some_and(|corners| {
+                let far =
+                    |p: &DVec3| (POINT_OFFSET..lowest * (1.0 - 1e-6)).contains(&side.height(*p));
+                corners.iter().all(far)
+            })
+        };
+        let closed: Vec<bool> = casting.bodies.iter().map(between).collect();
         let mut out = Occluders::default();
         self.vertices.clear();
         self.cuts.clear();
         let found = std::mem::take(&mut self.found);
-        for &(face, through) in &found {
-            if patch != NONE && patches.of_face[face as usize] == patch {
+        for &(face, mut part) in &found {
+            if patches.of_face[face as usize] == patch {
                 continue;
             }
             let corners = geometry.corners(face).map(|p| p.as_dvec3());
@@ -134,8 +196,12 @@ impl Gatherer {
             {
                 continue;
             }
+            let mesh = geometry.meshes.partition_point(|m| m.first_face <= face) - 1;
+            if part == Part::Opaque && closed[mesh] {
+                part = Part::Closed;
+            }
             let face = geometry.faces[face as usize];
-            self.add(&mut out, &face, &corners, side, through);
+            self.add(&mut out, &face, &corners, side, part);
         }
         self.found = found;
         out
@@ -148,7 +214,7 @@ impl Gatherer {
         face: &[u32; 3],
         corners: &[DVec3; 3],
         side: &Side,
-        through: f32,
+        part: Part,
     ) {
         let heights = corners.map(|p| side.height(p));
         let mut polygon = [0; 4];
@@ -180,14 +246,15 @@ impl Gatherer {
         }
         for k in 2..n {
             let corners = [polygon[0], polygon[k - 1], polygon[k]];
-            match through {
-                0.0 => out.opaque.push(corners),
-                t => out.clear.push((corners, t)),
+            match part {
+                Part::Opaque => out.opaque.push(corners),
+                Part::Closed => out.closed.push(corners),
+                Part::Clear(through) => out.clear.push((corners, through)),
             }
         }
     }
 
-    fn search(&mut self, bvh: &TriangleBvh, shaft: &Shaft, through: impl Fn(usize) -> f32) {
+    fn search(&mut self, bvh: &TriangleBvh, shaft: &Shaft, part: impl Fn(usize) -> Part) {
         self.stack.clear();
         self.stack.push(0);
         while let Some(i) = self.stack.pop() {
@@ -202,7 +269,7 @@ impl Gatherer {
                 continue;
             }
             let leaf = node.first as usize..(node.first + node.count) as usize;
-            self.found.extend(leaf.map(|k| (bvh.faces[k], through(k))));
+            self.found.extend(leaf.map(|k| (bvh.faces[k], part(k))));
         }
     }
 }
@@ -277,6 +344,11 @@ fn bounds_of(p: &Parallelogram) -> (Vec3, Vec3) {
 /// Corners of a box around all light points.
 fn box_of(light: &Light) -> [DVec3; 8] {
     let (low, high) = padded_bounds(light);
+    corners_of(low, high)
+}
+
+/// Corners of a box.
+fn corners_of(low: Vec3, high: Vec3) -> [DVec3; 8] {
     std::array::from_fn(|k| {
         let pick = |axis: usize| {
             f64::from(if k >> axis & 1 == 1 {
@@ -289,8 +361,9 @@ fn box_of(light: &Light) -> [DVec3; 8] {
     })
 }
 
-/// No light point is higher over the receiver.
-fn highest(light: &Light, side: &Side) -> f64 {
+/// No light point is lower over the receiver, and none higher.
+fn heights(light: &Light, side: &Side) -> (f64, f64) {
     let heights = box_of(light).map(|p| side.height(p));
-    heights.into_iter().fold(f64::NEG_INFINITY, f64::max)
+    let low = heights.into_iter().fold(f64::INFINITY, f64::min);
+    (low, heights.into_iter().fold(f64::NEG_INFINITY, f64::max))
 }

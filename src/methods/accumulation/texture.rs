@@ -24,7 +24,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
 use crate::light::{Light, Shape};
-use crate::raster::coverage::{Bitmap, Projected, cover};
+use crate::raster::coverage::{Bitmap, Projected, cover, cover_facing};
 use crate::sampling::{Pattern, Sampler, SharedPoint};
 use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 
@@ -341,6 +341,11 @@ unsafe fn draw_lanes<S: Lanes>(
         if few && view.width <= 64 && shadow.blocked.words.iter().all(|w| *w == full) {
             return;
         }
+    }
+    for face in &occluders.closed {
+        cover_facing(face, &points, view, true, |y, a, b| {
+            shadow.blocked.set(y, a, b)
+        });
     }
     if occluders.clear.is_empty() {
         return;
