@@ -19,6 +19,7 @@ from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
     Accumulation,
+    Convolution,
     Hard,
     Method,
     RayTraced,
@@ -36,6 +37,7 @@ __all__ = [
     "BakedTexture",
     "Camera",
     "Comparison",
+    "Convolution",
     "DiskLight",
     "Hard",
     "Image",

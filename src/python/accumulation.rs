@@ -14,11 +14,12 @@ use super::{arrays, run};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::light::Light;
+use crate::methods::accumulation::atlas::{Atlas, Key, MOST_TEXELS};
 use crate::methods::accumulation::lookup::Mask;
-use crate::methods::accumulation::occluders::{Occluders, Side};
+use crate::methods::accumulation::occluders::{Gatherer, Occluders, Side};
 use crate::methods::accumulation::patches::Parallelogram;
 use crate::methods::accumulation::texture::{self, Texture};
-use crate::methods::accumulation::{Atlas, Content, Key, transform};
+use crate::methods::accumulation::{Accumulation, Content, transform};
 
 /// The textures of some entries' polygons: laid out at first, then drawn.
 #[pyclass(name = "Textures", module = "softshadow._core", frozen)]
@@ -26,6 +27,7 @@ pub(super) struct PyTextures(Arc<Shared>);
 
 struct Shared {
     atlas: Atlas,
+    method: Accumulation,
     /// A patch, its side, and its entry.
     polygons: Vec<(u32, bool, u32)>,
     bytes: usize,
@@ -59,7 +61,7 @@ pub(super) fn textures(
         _ => Some(true),
     };
     run(py, progress.as_ref(), move |_| {
-        let atlas = Atlas::new(scene.geometry()?, &lights, method)?;
+        let atlas = Atlas::new(scene.geometry()?, &lights, method.layout)?;
         let mut polygons = Vec::new();
         for (id, patch) in atlas.patches.list.iter().enumerate() {
             let entry = atlas.geometry.mesh_of(patch.faces[0]).entry;
@@ -80,6 +82,7 @@ pub(super) fn textures(
         }
         let shared = Shared {
             atlas,
+            method,
             polygons,
             bytes: 0,
             drawn: Mutex::default(),
@@ -118,9 +121,12 @@ impl Shared {
             .map(|&i| std::mem::replace(&mut drawn[i], (KEY, Texture::default())))
             .collect();
         control.expect(sorted.iter().map(|(_, t)| texels(t.size)).sum());
-        let result = self.atlas.draw(&mut sorted, samples, control, |texels| {
-            control.advance(texels)
-        });
+        let paint = |key: Key, texture: &mut Texture, gatherer: &mut Gatherer| {
+            self.method
+                .refine(&self.atlas, key, texture, samples, gatherer, control)
+        };
+        let done = |texels| control.advance(texels);
+        let result = self.atlas.paint(&mut sorted, paint, control, done);
         for (i, texture) in order.into_iter().zip(sorted) {
             drawn[i] = texture;
         }
@@ -220,14 +226,14 @@ impl PyTextures {
             };
             let visibility = each(&|x, y| texture.visibility(x, y));
             let out = PyDict::new(py);
-            if atlas.method.content == Content::EightBit {
+            if self.0.method.content == Content::EightBit {
                 let samples = texture.samples;
                 let levels = visibility
                     .iter()
-                    .map(|&v| atlas.method.eight_bits(v, samples));
+                    .map(|&v| self.0.method.eight_bits(v, samples));
                 out.set_item("levels", arrays::rows(py, levels.collect(), w)?)?;
             }
-            if atlas.method.content == Content::Radiance {
+            if self.0.method.content == Content::Radiance {
                 let irradiance =
                     each(&|x, y| texture.irradiance(x, y, light, &side).unwrap_or(0.0));
                 out.set_item("irradiance", arrays::rows(py, irradiance, w)?)?;
@@ -296,7 +302,7 @@ pub(super) fn accumulate<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     let bounds = parallelogram(corner, edges[0], edges[1])?;
-    let most = crate::methods::accumulation::MOST_TEXELS;
+    let most = MOST_TEXELS;
     if size.iter().any(|s| !(1..=most).contains(s)) {
         let reason = format!("must be 1 to {most} texels a side, got {size:?}");
         return Err(Error::parameter("size", reason).into());

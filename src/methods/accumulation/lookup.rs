@@ -9,9 +9,10 @@
 
 use glam::{DVec2, DVec3};
 
+use super::atlas::Atlas;
 use super::occluders::Side;
 use super::patches::Parallelogram;
-use super::{Accumulation, Atlas, Content, Drawn};
+use super::pictures::Drawn;
 use crate::camera::Camera;
 use crate::light::Light;
 use crate::raster::coverage::{Bitmap, Projected, cover};
@@ -174,23 +175,18 @@ pub struct Reader<'a> {
     drawn: &'a Drawn,
     light: &'a Light,
     side: Side,
-    method: &'a Accumulation,
+    interpolate: bool,
     dual: [DVec3; 2],
 }
 
 impl<'a> Reader<'a> {
     /// A reader of a texture that was drawn with `light` and `side`.
-    pub(super) fn new(
-        drawn: &'a Drawn,
-        light: &'a Light,
-        side: Side,
-        method: &'a Accumulation,
-    ) -> Self {
+    pub(super) fn new(drawn: &'a Drawn, light: &'a Light, side: Side, interpolate: bool) -> Self {
         Reader {
             drawn,
             light,
             side,
-            method,
+            interpolate,
             dual: side.bounds.dual(),
         }
     }
@@ -205,7 +201,7 @@ impl<'a> Reader<'a> {
             if t.is_nan() { 0.0 } else { t }
         });
         let [u, v] = [0, 1].map(|k| q[k].clamp(0.0, f64::from(size[k] - 1)));
-        if !self.method.interpolate {
+        if !self.interpolate {
             return self.texel((u + 0.5) as u32, (v + 0.5) as u32);
         }
         let (x0, y0) = (u as u32, v as u32);
@@ -245,17 +241,7 @@ impl<'a> Reader<'a> {
     fn texel(&self, x: u32, y: u32) -> [f32; 2] {
         let texture = &self.drawn.texture;
         let (x, y) = (x as usize, y as usize);
-        let visibility = texture.visibility(x, y);
-        match self.method.content {
-            Content::Radiance => {
-                let irradiance = texture.irradiance(x, y, self.light, &self.side);
-                [visibility, irradiance.unwrap_or(0.0)]
-            }
-            Content::Modulation => [visibility, 0.0],
-            Content::EightBit => {
-                let level = self.method.eight_bits(visibility, texture.samples);
-                [self.method.from_eight_bits(level), 0.0]
-            }
-        }
+        let irradiance = texture.irradiance(x, y, self.light, &self.side);
+        [texture.visibility(x, y), irradiance.unwrap_or(0.0)]
     }
 }

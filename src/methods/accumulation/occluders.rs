@@ -95,6 +95,39 @@ enum Part {
     Clear(f32),
 }
 
+/// What holds the shadows' part of space: the half-spaces around a receiver and a light.
+#[derive(Debug, Clone, Copy)]
+pub struct Pyramid([HalfSpace; 4]);
+
+impl Pyramid {
+    /// Around a side of a patch and a light.
+    pub fn new(light: &Light, side: &Side) -> Self {
+        Pyramid(pyramid(light, side))
+    }
+
+    /// The greatest height over the receiver of a part of an occluder within, 0 if there is none.
+    pub fn highest(&self, occluders: &Occluders, side: &Side) -> f64 {
+        let faces = occluders.opaque.iter().chain(&occluders.closed);
+        let clear = occluders.clear.iter().map(|(face, _)| face);
+        let (mut polygon, mut cut) = (Vec::new(), Vec::new());
+        let mut highest = 0.0f64;
+        for face in faces.chain(clear) {
+            let corners = face.map(|v| occluders.points[v as usize]);
+            if corners.iter().all(|p| side.height(*p) <= highest) {
+                continue;
+            }
+            polygon.clear();
+            polygon.extend(corners);
+            for half in &self.0 {
+                half.clip(&polygon, &mut cut);
+                std::mem::swap(&mut polygon, &mut cut);
+            }
+            highest = polygon.iter().fold(highest, |m, p| m.max(side.height(*p)));
+        }
+        highest
+    }
+}
+
 /// What casts in a scene.
 #[derive(Debug, Clone, Copy)]
 pub struct Casting<'a> {
@@ -282,6 +315,21 @@ struct HalfSpace {
 }
 
 impl HalfSpace {
+    /// The part of a polygon inside.
+    fn clip(&self, polygon: &[DVec3], out: &mut Vec<DVec3>) {
+        out.clear();
+        for (i, &a) in polygon.iter().enumerate() {
+            let b = polygon[(i + 1) % polygon.len()];
+            let [s, t] = [a, b].map(|p| self.offset - self.normal.dot(p));
+            if s >= 0.0 {
+                out.push(a);
+            }
+            if (s >= 0.0) != (t >= 0.0) {
+                out.push(a + (b - a) * (s / (s - t)));
+            }
+        }
+    }
+
     #[inline(always)]
     fn leaves_out(&self, corners: &[DVec3; 3]) -> bool {
         corners.iter().all(|p| self.normal.dot(*p) > self.offset)

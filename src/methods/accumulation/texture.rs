@@ -248,6 +248,28 @@ impl Texture {
         }
     }
 
+    /// Replaces every texel's visibility by a function of it.
+    pub fn map_visibility(&mut self, f: impl Fn(f32) -> f32) {
+        let samples = self.samples.max(1) as f32;
+        for (i, row) in self.seen.iter_mut().enumerate() {
+            for (lane, seen) in row.0.iter_mut().enumerate() {
+                let all = self.weight.get(i).map_or(samples, |w| w.0[lane]);
+                let seen_of = |v: f32| if all > 0.0 { (v / all).min(1.0) } else { 0.0 };
+                *seen = f(seen_of(*seen)) * all;
+            }
+        }
+    }
+
+    /// Sets a texel's visibility, of a texture without light points.
+    pub fn set(&mut self, x: usize, y: usize, visibility: f32) {
+        self.samples = 1;
+        let (row, lane) = self.place(x, y);
+        self.seen[row].0[lane] = visibility;
+        if let Some(weight) = self.weight.get_mut(row) {
+            weight.0[lane] = 1.0;
+        }
+    }
+
     /// The irradiance of a texel at radiance 1, if it was asked for; `light` and `side` are those that the
     /// texture was drawn with.
     pub fn irradiance(&self, x: usize, y: usize, light: &Light, side: &Side) -> Option<f32> {
