@@ -22,15 +22,8 @@ use crate::methods::accumulation::patches::Parallelogram;
 use crate::methods::accumulation::transform::camera;
 use crate::raster::{SPAN, Sink, Tile, project, rasterize_projected};
 
-/// Below this many texels times weights a sum is as fast as a transform.
+/// Below this many texels times weights, or four a texel of the window, a sum is as fast as a transform.
 const DIRECT: usize = 1 << 14;
-
-/// The hard shadow is drawn finer than the window by this along each side, so that its edge is where it is and not
-/// at a texel's border.
-const FINE: u32 = 4;
-
-/// Most fine texels along a side.
-const FINEST: u32 = 4096;
 
 /// The part of a receiver's plane that shadows are drawn in.
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +34,8 @@ pub struct Window {
     pub high: DVec2,
     /// Texels along both.
     pub size: [u32; 2],
+    /// The hard shadow has so many finer texels along a side of each.
+    pub fine: u32,
 }
 
 impl Window {
@@ -99,7 +94,7 @@ pub struct Layer {
 const STEPS: usize = 512;
 
 impl HardShadow {
-    /// Draws what casts.
+    /// Draws what casts with a scale above the first and up to the second of two.
     ///
     /// # Errors
     /// [`crate::error::Error::Cancelled`].
@@ -108,9 +103,10 @@ impl HardShadow {
         side: &Side,
         eye: glam::DVec3,
         window: &Window,
+        [above, most]: [f64; 2],
         control: &Control,
     ) -> Result<Self> {
-        let fine = FINE.min(FINEST / window.size[0].max(window.size[1])).max(1);
+        let fine = window.fine;
         let [width, height] = window.size.map(|s| s * fine);
         let mut scales = vec![f32::NAN; width as usize * height as usize];
         let Some(view) = camera(eye, &window.on(&side.bounds), [width, height]) else {
@@ -138,8 +134,12 @@ impl HardShadow {
                 }
                 let (x, y) = (i as u32 % tile.width, i as u32 / tile.width);
                 let at = ((tile.y + y) * width + tile.x + x) as usize;
+                // Beyond the last range there is nothing but rounding.
                 let scale = |inverse: f64| (inverse - 1.0).clamp(0.0, MOST_SCALE);
-                scales[at] = (0.5 * (scale(*near) + scale(*far))) as f32;
+                let mean = 0.5 * (scale(*near) + scale(*far));
+                if mean > above && mean <= most {
+                    scales[at] = mean as f32;
+                }
             }
         }
         Ok(HardShadow { scales, fine })
@@ -254,13 +254,24 @@ pub fn hidden(
     let mut values = vec![0.0f32; width * height];
     let half = spread.half() / texel;
     let mut transformed = Vec::new();
+    // Texels that the receiver lies between; the others of the window only cast.
+    let last = DVec2::new((width - 1) as f64, (height - 1) as f64);
+    let wanted = |p: DVec2| p.clamp(DVec2::ZERO, last);
+    let from = wanted(window.place(0.0, 0.0).floor());
+    let to = wanted(window.place(1.0, 1.0).ceil());
+    let [columns, rows] = [0, 1].map(|k| from[k] as usize..=to[k] as usize);
+    let receiving = columns.clone().count() * rows.clone().count();
     for layer in layers {
         control.check()?;
         let reach = half * layer.scale;
-        let weights = (2.0 * reach.x + 3.0) * (2.0 * reach.y + 3.0);
-        if weights as usize * layer.texels.len() > DIRECT.max(width * height) {
+        let weights = ((2.0 * reach.x + 3.0) * (2.0 * reach.y + 3.0)) as usize;
+        if weights * receiving > DIRECT.max(4 * width * height) {
             transformed.push(layer);
             continue;
+        }
+        let mut picture = vec![0.0f32; width * height];
+        for &(t, part) in &layer.texels {
+            picture[t as usize] = part;
         }
         let mut kernel: Vec<([i32; 2], f32)> = Vec::new();
         spread.weights(layer.scale, texel, |at, w| kernel.push((at, w)));
@@ -272,13 +283,18 @@ pub fn hidden(
             }
             same
         });
-        for &(t, part) in &layer.texels {
-            let (x, y) = (t as usize % width, t as usize / width);
-            for &([i, j], w) in &kernel {
-                let (x, y) = (x as i32 + i, y as i32 + j);
-                if (0..width as i32).contains(&x) && (0..height as i32).contains(&y) {
-                    values[y as usize * width + x as usize] += part * w;
-                }
+        for y in rows.clone() {
+            for x in columns.clone() {
+                let hidden = kernel.iter().map(|&([i, j], w)| {
+                    let (x, y) = (x as i32 - i, y as i32 - j);
+                    let inside = (0..width as i32).contains(&x) && (0..height as i32).contains(&y);
+                    if inside {
+                        w * picture[y as usize * width + x as usize]
+                    } else {
+                        0.0
+                    }
+                });
+                values[y * width + x] += hidden.sum::<f32>();
             }
         }
     }

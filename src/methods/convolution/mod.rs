@@ -18,9 +18,9 @@
 //!
 //! Assumptions and failures: only what the light's centre sees casts, so light that gets past behind an
 //! occluder's silhouette, or under a large light, is missed; shadows of occluders that overlap as the centre sees
-//! them are that of one of them, at the mean depth of the nearest and the farthest; the window around a
-//! receiver ends where penumbrae of occluders near the light would make it larger than [`MOST_WINDOW`] texels,
-//! and texels there are coarser. Receivers much smaller than their penumbrae are costly. Transparent occluders
+//! them are that of one of them, at the mean depth of the nearest and the farthest; penumbrae
+//! that are wider than a receiver are drawn in coarser windows around it. Receivers much smaller than their
+//! penumbrae are costly. Transparent occluders
 //! and analytic spheres cannot be modelled.
 
 pub mod fourier;
@@ -48,11 +48,21 @@ use layers::{HardShadow, Window};
 /// Most texels along a side of the window around a receiver.
 pub const MOST_WINDOW: u32 = 2048;
 
-/// A receiver of few texels has a window of at most so many a side, or as many times its own.
+/// The hard shadow is drawn finer than the texture by this along each side, so that its edge is where it is and
+/// not at a texel's border.
+const FINE: u32 = 4;
+
+/// Most texels along a side that it is drawn with.
+const FINEST: u32 = 4096;
+
+/// Fewest texels along a side of a window.
 const SMALL_WINDOW: u32 = 64;
 
 /// How much wider than the texture its window may be, at the texture's resolution.
 const WIDER: u32 = 4;
+
+/// How much farther than the last one's the penumbrae of the next window reach.
+const OCTAVE: f64 = 4.0;
 
 /// Largest scale of the light's image that is told apart: occluders nearer to the light than a thirtieth of
 /// its distance, where a light's width away is thirty widths on the receiver.
@@ -112,23 +122,24 @@ impl Painter for Convolution {
         let side = atlas.side(key);
         let light = &atlas.lights[key.light as usize];
         let occluders = atlas.occluders(key, &side, gatherer);
-        let hidden = match eye(light, &side) {
-            Some(eye) if !occluders.points.is_empty() => {
-                let spread = Spread::new(light, &side, eye);
-                let highest = Pyramid::new(light, &side).highest(&occluders, &side);
-                let window = window(highest, &side, eye, &spread, texture.size);
-                let shadow = HardShadow::new(&occluders, &side, eye, &window, control)?;
+        let mut hidden = Vec::new();
+        if let Some(eye) = eye(light, &side).filter(|_| !occluders.points.is_empty()) {
+            let spread = Spread::new(light, &side, eye);
+            let highest = Pyramid::new(light, &side).highest(&occluders, &side);
+            let full = side.normal.dot(eye - side.bounds.corner);
+            for scales in octaves(highest, full, &spread) {
+                let window = window(scales[1], &spread, texture.size);
+                let shadow = HardShadow::new(&occluders, &side, eye, &window, scales, control)?;
                 let layers = shadow.layers(self.error, &spread, &window);
-                Some(layers::hidden(&layers, &spread, &window, control)?)
+                hidden.push(layers::hidden(&layers, &spread, &window, control)?);
             }
-            _ => None,
-        };
+        }
         for y in 0..texture.size[1] {
             for x in 0..texture.size[0] {
                 let [u, v] = [(x, 0), (y, 1)]
                     .map(|(i, k): (u32, usize)| (f64::from(i) + 0.5) / f64::from(texture.size[k]));
                 let h = light.fraction_above(side.bounds.at(u, v), side.normal);
-                let hidden = hidden.as_ref().map_or(0.0, |h| h.at(u, v));
+                let hidden: f32 = hidden.iter().map(|h| h.at(u, v)).sum();
                 let seen = (1.0 - f64::from(hidden)).clamp(0.0, 1.0).min(h);
                 texture.set(x as usize, y as usize, seen as f32);
             }
@@ -165,26 +176,54 @@ fn eye(light: &Light, side: &Side) -> Option<DVec3> {
     (high > 0.0).then(|| center + (highest - center) * ((0.5 * high - low) / (high - low)))
 }
 
-/// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders that are at most so
-/// high.
-fn window(highest: f64, side: &Side, eye: DVec3, spread: &Spread, size: [u32; 2]) -> Window {
-    let full = side.normal.dot(eye - side.bounds.corner);
+/// Ranges of scales that are drawn in windows of their own, for occluders that are at most so high under an eye
+/// of height `full`: up to the one whose penumbrae reach half of the receiver's size around it, and then
+/// [`OCTAVE`] times as far. So that what touches a small receiver is drawn as fine as it is.
+fn octaves(highest: f64, full: f64, spread: &Spread) -> Vec<[f64; 2]> {
     let largest = if highest < full {
         (highest / (full - highest)).min(MOST_SCALE)
     } else {
         MOST_SCALE
     };
+    let half = spread.half().max_element();
+    let mut out = Vec::new();
+    let (mut low, mut high) = (
+        -1.0,
+        if half > 0.0 {
+            0.5 / half
+        } else {
+            f64::INFINITY
+        },
+    );
+    while high < largest {
+        out.push([low, high]);
+        (low, high) = (high, OCTAVE * high);
+    }
+    out.push([low, largest]);
+    out
+}
+
+/// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders of at most this
+/// scale.
+fn window(scale: f64, spread: &Spread, size: [u32; 2]) -> Window {
     // A texel more for rounding.
     let texel = DVec2::new(1.0 / f64::from(size[0]), 1.0 / f64::from(size[1]));
-    let margin = spread.half() * largest + texel;
+    let margin = spread.half() * scale + texel;
+    let wanted = [0, 1].map(|k| f64::from(size[k]) * (1.0 + 2.0 * margin[k]));
+    // A receiver of few texels is drawn finer than them, or what touches it would darken all of it.
     let [width, height] = [0, 1].map(|k| {
         let most = (WIDER * size[k]).clamp(SMALL_WINDOW, MOST_WINDOW);
-        let wanted = (f64::from(size[k]) * (1.0 + 2.0 * margin[k])).ceil();
-        wanted.min(f64::from(most)) as u32
+        wanted[k]
+            .ceil()
+            .clamp(f64::from(SMALL_WINDOW), f64::from(most)) as u32
     });
+    let coarser = (wanted[0] / f64::from(width)).max(wanted[1] / f64::from(height));
     Window {
         low: -margin,
         high: DVec2::ONE + margin,
-        size: [width.max(1), height.max(1)],
+        size: [width, height],
+        fine: ((f64::from(FINE) * coarser).ceil() as u32)
+            .min(FINEST / width.max(height))
+            .clamp(1, FINE),
     }
 }
