@@ -38,9 +38,13 @@ impl Mask {
         };
         let mut bitmap = Bitmap::default();
         bitmap.reset(width, height);
+        // Centres on a triangle's own edge are on its neighbour's too, which may rise there.
+        let inwards = if patch.faces.len() == 1 { 1e-3 } else { 0.0 };
         for &face in &patch.faces {
-            let points = atlas.geometry.corners(face).map(|p| {
-                let d = p.as_dvec3() - patch.bounds.corner;
+            let corners = atlas.geometry.corners(face).map(|p| p.as_dvec3());
+            let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+            let points = corners.map(|p| {
+                let d = p + (middle - p) * inwards - patch.bounds.corner;
                 let (x, y) = (dx.dot(d) * f64::from(width), dy.dot(d) * f64::from(height));
                 Projected::new(DVec3::new(x, y, 1.0), &view)
             });

@@ -10,10 +10,10 @@ use crate::light::{Light, Shape};
 use crate::methods::accumulation::occluders::Side;
 
 /// Light points along a side of the grid that stands for the light, per texel of its image.
-const POINTS: f64 = 2.0;
+const POINTS: f64 = 1.0;
 
 /// Fewest and most of them.
-const POINTS_RANGE: (f64, f64) = (4.0, 512.0);
+const POINTS_RANGE: (f64, f64) = (8.0, 512.0);
 
 /// Least cosine between the receiver's normal and the direction to the light that the projection takes as it
 /// is: below, the light's image would grow beyond all bounds, while it shines less and less.

@@ -239,7 +239,26 @@ impl Hidden {
     }
 }
 
-/// Convolves every part with the light's image and adds them up.
+/// The texels of a window that lie around the centres of a texture's.
+fn wanted(window: &Window, size: [u32; 2]) -> Vec<u32> {
+    let [width, height] = window.size;
+    let mut marked = vec![false; width as usize * height as usize];
+    for y in 0..size[1] {
+        for x in 0..size[0] {
+            let [u, v] = [(x, 0), (y, 1)]
+                .map(|(i, k): (u32, usize)| (f64::from(i) + 0.5) / f64::from(size[k]));
+            let p = window.place(u, v).floor();
+            for (i, j) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+                let at = |p: f64, size: u32| p.clamp(0.0, f64::from(size - 1)) as u32;
+                marked[(at(p.y + j, height) * width + at(p.x + i, width)) as usize] = true;
+            }
+        }
+    }
+    let all = (0..width * height).filter(|&t| marked[t as usize]);
+    all.collect()
+}
+
+/// Convolves every part with the light's image and adds them up, where a texture of this size needs it.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
@@ -247,6 +266,7 @@ pub fn hidden(
     layers: &[Layer],
     spread: &Spread,
     window: &Window,
+    size: [u32; 2],
     control: &Control,
 ) -> Result<Hidden> {
     let [width, height] = window.size.map(|s| s as usize);
@@ -254,18 +274,12 @@ pub fn hidden(
     let mut values = vec![0.0f32; width * height];
     let half = spread.half() / texel;
     let mut transformed = Vec::new();
-    // Texels that the receiver lies between; the others of the window only cast.
-    let last = DVec2::new((width - 1) as f64, (height - 1) as f64);
-    let wanted = |p: DVec2| p.clamp(DVec2::ZERO, last);
-    let from = wanted(window.place(0.0, 0.0).floor());
-    let to = wanted(window.place(1.0, 1.0).ceil());
-    let [columns, rows] = [0, 1].map(|k| from[k] as usize..=to[k] as usize);
-    let receiving = columns.clone().count() * rows.clone().count();
+    let wanted = wanted(window, size);
     for layer in layers {
         control.check()?;
         let reach = half * layer.scale;
         let weights = ((2.0 * reach.x + 3.0) * (2.0 * reach.y + 3.0)) as usize;
-        if weights * receiving > DIRECT.max(4 * width * height) {
+        if weights * wanted.len() > DIRECT.max(4 * width * height) {
             transformed.push(layer);
             continue;
         }
@@ -273,28 +287,21 @@ pub fn hidden(
         for &(t, part) in &layer.texels {
             picture[t as usize] = part;
         }
-        let mut kernel: Vec<([i32; 2], f32)> = Vec::new();
-        spread.weights(layer.scale, texel, |at, w| kernel.push((at, w)));
-        kernel.sort_by_key(|k| k.0);
-        kernel.dedup_by(|b, a| {
-            let same = a.0 == b.0;
-            if same {
-                a.1 += b.1;
-            }
-            same
+        let [rx, ry] = reach.to_array().map(|r| r.ceil() as i32 + 1);
+        let across = (2 * rx + 1) as usize;
+        let mut kernel = vec![0.0f32; across * (2 * ry + 1) as usize];
+        spread.weights(layer.scale, texel, |[i, j], w| {
+            kernel[(j + ry) as usize * across + (i + rx) as usize] += w;
         });
-        for y in rows.clone() {
-            for x in columns.clone() {
-                let hidden = kernel.iter().map(|&([i, j], w)| {
-                    let (x, y) = (x as i32 - i, y as i32 - j);
-                    let inside = (0..width as i32).contains(&x) && (0..height as i32).contains(&y);
-                    if inside {
-                        w * picture[y as usize * width + x as usize]
-                    } else {
-                        0.0
-                    }
-                });
-                values[y * width + x] += hidden.sum::<f32>();
+        for &at in &wanted {
+            let (x, y) = ((at as usize % width) as i32, (at as usize / width) as i32);
+            let (first, last) = ((x - width as i32 + 1).max(-rx), x.min(rx));
+            for j in (y - height as i32 + 1).max(-ry)..=y.min(ry) {
+                let row = (y - j) as usize * width;
+                let weights = &kernel[(j + ry) as usize * across..];
+                let hidden = (first..=last)
+                    .map(|i| weights[(i + rx) as usize] * picture[row + (x - i) as usize]);
+                values[at as usize] += hidden.sum::<f32>();
             }
         }
     }

@@ -131,7 +131,13 @@ impl Painter for Convolution {
                 let window = window(scales[1], &spread, texture.size);
                 let shadow = HardShadow::new(&occluders, &side, eye, &window, scales, control)?;
                 let layers = shadow.layers(self.error, &spread, &window);
-                hidden.push(layers::hidden(&layers, &spread, &window, control)?);
+                hidden.push(layers::hidden(
+                    &layers,
+                    &spread,
+                    &window,
+                    texture.size,
+                    control,
+                )?);
             }
         }
         for y in 0..texture.size[1] {
