@@ -1,7 +1,7 @@
-"""Time and error of averaged hard-shadow textures.
+"""Time and error of averaged hard-shadow textures, and of convolved ones.
 
     python benches/accumulation.py [--repeats 15] [--size 512] [--samples 1024] [--quick]
-                                   [--parts speed errors convergence city]
+                                   [--parts speed errors convergence city convolution]
 
 benches/README.md says how to read it.
 """
@@ -22,7 +22,7 @@ import trimesh
 
 RESULTS = Path(__file__).parent / "results"
 
-PARTS = ("speed", "errors", "convergence", "city")
+PARTS = ("speed", "errors", "convergence", "city", "convolution")
 
 
 def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
@@ -164,6 +164,41 @@ def city(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
             "layout s": layout,
             "textures s": bake.seconds["textures"],
         }
+
+
+def convolution(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
+    """Measure convolution beside wedges and accumulation (Figure 13 of the wedges' paper)."""
+    k: dict[str, Any] = {"width": options.size, "height": options.size}
+    scenes = {
+        "two cylinders": ss.scenes.two_cylinders(**k),
+        "closed solids": ss.scenes.closed_solids(light_size=0.3, detail=3, **k),
+        "overlapping boards": ss.scenes.overlapping_boards(**k),
+    }
+    methods = {
+        "hard": ss.Hard(),
+        "wedges": ss.Wedges(),
+        "accumulation": ss.Accumulation(),
+        "convolution, error=1": ss.Convolution(error=1.0),
+        "convolution, error=0.2": ss.Convolution(error=0.2),
+        "convolution": ss.Convolution(),
+        "convolution, error=0.01": ss.Convolution(error=0.01),
+        "convolution, max_size=128": ss.Convolution(max_size=128),
+        "convolution, max_size=1024": ss.Convolution(max_size=1024),
+    }
+    for name, setup in scenes.items():
+        world = (setup.scene, setup.camera, setup.light)
+        reference = ss.render(*world, ss.RayTraced(options.samples, seed=7))
+        partly = reference.mask & (reference.visibility > 0.002) & (reference.visibility < 0.998)
+        for label, method in methods.items():
+            image = ss.render(*world, method)
+            error = (image.visibility.astype(np.float64) - reference.visibility)[partly]
+            yield {
+                "scene": name,
+                "method": label,
+                "mae penumbra": float(np.abs(error).mean()),
+                "bias": float(error.mean()),
+                "frame s": image.seconds["frame"],
+            }
 
 
 def main() -> None:

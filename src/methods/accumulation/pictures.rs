@@ -31,6 +31,12 @@ pub trait Painter: Send + Sync {
         gatherer: &mut Gatherer,
         control: &Control,
     ) -> Result<Contacts>;
+
+    /// Whether textures know nothing of tangent planes and emitting sides: pictures then show no more than the
+    /// part of the light over them.
+    fn knows_only_occluders(&self) -> bool {
+        false
+    }
 }
 
 /// A scene's textures, painted as they are needed.
@@ -157,11 +163,16 @@ impl<P: Painter> Prepared for Pictures<P> {
                 (key, reader)
             })
             .collect();
+        let capped = self.painter.knows_only_occluders();
         let values: Vec<[f32; 2]> = (0..receivers.len())
             .into_par_iter()
             .map(|i| {
                 let (p, n) = (receivers.positions[i], receivers.normals[i]);
                 match keys[i].and_then(|k| readers.get(&k)) {
+                    Some(reader) if capped => {
+                        let [seen, irradiance] = reader.at(p);
+                        [seen.min(light.fraction_above(p, n) as f32), irradiance]
+                    }
                     Some(reader) => reader.at(p),
                     // A sphere, or a sliver without a plane of its own: unshadowed.
                     None => unshadowed(light, p, n),

@@ -123,7 +123,8 @@ impl Painter for Convolution {
         let light = &atlas.lights[key.light as usize];
         let occluders = atlas.occluders(key, &side, gatherer);
         let mut hidden = Vec::new();
-        if let Some(eye) = eye(light, &side).filter(|_| !occluders.points.is_empty()) {
+        let eye = eye(light, &side);
+        if let Some(eye) = eye.filter(|_| !occluders.points.is_empty()) {
             let spread = Spread::new(light, &side, eye);
             let highest = Pyramid::new(light, &side).highest(&occluders, &side);
             let full = side.normal.dot(eye - side.bounds.corner);
@@ -144,10 +145,12 @@ impl Painter for Convolution {
             for x in 0..texture.size[0] {
                 let [u, v] = [(x, 0), (y, 1)]
                     .map(|(i, k): (u32, usize)| (f64::from(i) + 0.5) / f64::from(texture.size[k]));
-                let h = light.fraction_above(side.bounds.at(u, v), side.normal);
-                let hidden: f32 = hidden.iter().map(|h| h.at(u, v)).sum();
-                let seen = (1.0 - f64::from(hidden)).clamp(0.0, 1.0).min(h);
-                texture.set(x as usize, y as usize, seen as f32);
+                // None of a light below the receiver is seen.
+                let hidden = match eye {
+                    Some(_) => hidden.iter().map(|h| h.at(u, v)).sum::<f32>(),
+                    None => 1.0,
+                };
+                texture.set(x as usize, y as usize, (1.0 - hidden).clamp(0.0, 1.0));
             }
         }
         Ok(Contacts::new(
@@ -155,6 +158,10 @@ impl Painter for Convolution {
             texture.size,
             &occluders.contacts,
         ))
+    }
+
+    fn knows_only_occluders(&self) -> bool {
+        true
     }
 }
 
