@@ -44,6 +44,7 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python benches/mitsuba_speed.py
 	$(BIN)/python benches/wedges.py
+	$(BIN)/python benches/accumulation.py
 
 clean:
 	rm -rf $(VENV) target demo

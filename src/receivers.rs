@@ -38,6 +38,9 @@ pub struct Receivers {
     pub index: Vec<u32>,
     /// Where each group starts, and the end.
     pub groups: Vec<u32>,
+    /// What each receiver of a camera lies on: a triangle of [`Geometry::faces`], or [`NONE`] for a sphere. Empty
+    /// for a user's own points.
+    pub faces: Vec<u32>,
     /// The camera (local) whose pixels they are; each group then lies in one block of 8×8 pixels.
     pub camera: Option<Camera>,
 }
@@ -128,6 +131,7 @@ impl Receivers {
             normals: index.par_iter().map(normal).collect(),
             groups: groups.collect(),
             index,
+            faces: Vec::new(),
             camera: None,
         })
     }
@@ -221,6 +225,7 @@ pub fn from_camera(
         normals: filled(DVec3::ZERO, total),
         index: filled(0, total),
         groups: vec![0],
+        faces: Vec::new(),
         camera: Some(*camera),
     };
     let mut parts = Vec::with_capacity(counts.len());
@@ -277,6 +282,11 @@ pub fn from_camera(
             control.step()
         },
     )?;
+    let face = |&pixel: &u32| match surface.hit[pixel as usize] {
+        Hit::Triangle(face) => face,
+        _ => NONE,
+    };
+    receivers.faces = receivers.index.par_iter().map(face).collect();
     Ok((surface, receivers))
 }
 

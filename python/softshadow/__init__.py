@@ -13,16 +13,31 @@ row 0 on top, *visibility* is 1 where fully lit and 0 in the umbra.
 
 from softshadow import kernels, metrics, mitsuba, plot, scenes
 from softshadow._core import ParameterError, SceneError, UnsupportedError, __version__
+from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.methods import Hard, Method, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
+from softshadow.methods import (
+    Accumulation,
+    Convolution,
+    Hard,
+    Method,
+    RayTraced,
+    ShadowVolume,
+    Ssoc,
+    Wedges,
+    method_names,
+)
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Mesh, Scene, Spheres
 
 __all__ = [
+    "Accumulation",
+    "Bake",
+    "BakedTexture",
     "Camera",
     "Comparison",
+    "Convolution",
     "DiskLight",
     "Hard",
     "Image",
@@ -30,6 +45,7 @@ __all__ = [
     "Mesh",
     "Method",
     "ParameterError",
+    "Polygon",
     "Prepared",
     "RayTraced",
     "RectLight",
@@ -42,6 +58,8 @@ __all__ = [
     "UnsupportedError",
     "Wedges",
     "__version__",
+    "bake",
+    "bake_layout",
     "compare",
     "kernels",
     "method_names",

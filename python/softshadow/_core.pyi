@@ -23,10 +23,12 @@ __all__ = [
     "Prepared",
     "Scene",
     "SceneError",
+    "Textures",
     "UnsupportedError",
     "__version__",
     "kernels",
     "prepare",
+    "textures",
 ]
 
 __version__: str
@@ -51,6 +53,10 @@ class Camera:
 
 @final
 class Method:
+    @staticmethod
+    def accumulation(parameters: object) -> Method: ...
+    @staticmethod
+    def convolution(parameters: object) -> Method: ...
     @staticmethod
     def hard() -> Method: ...
     @staticmethod
@@ -96,3 +102,22 @@ class Prepared:
     def visibility(self, points: _F64, normals: _F64 | None, progress: _Progress) -> _F32: ...
 
 def prepare(scene: Scene, lights: list[Light], method: Method, progress: _Progress) -> Prepared: ...
+
+@final
+class Textures:
+    @property
+    def bytes(self) -> int: ...
+    def __len__(self) -> int: ...
+    def refine(self, samples: int, progress: _Progress) -> float: ...
+    def polygon(self, i: int) -> dict[str, Any]: ...
+    def mask(self, i: int) -> _Bool: ...
+    def arrays(self, i: int) -> list[dict[str, Any]]: ...
+
+def textures(
+    scene: Scene,
+    lights: list[Light],
+    parameters: object,
+    entries: list[int],
+    side: str,
+    progress: _Progress,
+) -> Textures: ...

@@ -22,11 +22,13 @@ from softshadow.scene import Scene
 __all__ = [
     "OcclusionMaps",
     "PenumbraWedges",
+    "accumulate",
     "light_fraction_above",
     "light_intensity",
     "light_samples",
     "mesh_edges",
     "rasterize",
+    "receiver_transform",
     "silhouette_edges",
     "silhouette_loops",
     "ssoc_maps",
@@ -301,6 +303,108 @@ def light_samples(
         light._core, as_vector(point, "point"), samples, seed
     )
     return points, weights, colours
+
+
+def receiver_transform(
+    light_point: Vector, corner: Vector, edge_u: Vector, edge_v: Vector
+) -> _Doubles:
+    """Return the projective transform of Herf and Heckbert 1996.
+
+    It maps the pyramid from a light point through a parallelogram to the unit box, and lines
+    through the light point to lines along z: ``z = 1`` is the parallelogram's plane, ``z = inf``
+    the parallel plane through the light point; what casts lies in ``[0, 1]² x [1, inf]``.
+
+    Parameters
+    ----------
+    light_point : array_like, shape (3,)
+    corner, edge_u, edge_v : array_like, shape (3,)
+        The parallelogram, ``corner + x edge_u + y edge_v``.
+
+    Returns
+    -------
+    ndarray, shape (4, 4), float64
+        Acts on columns ``(p, 1)``; divide by the last component.
+
+    Raises
+    ------
+    ValueError
+        If the light point lies in the parallelogram's plane, or its edges span no area.
+    """
+    result: _Doubles = _kernels.receiver_transform(
+        as_vector(light_point, "light_point"),
+        as_vector(corner, "corner"),
+        as_vector(edge_u, "edge_u"),
+        as_vector(edge_v, "edge_v"),
+    )
+    return result
+
+
+def accumulate(
+    vertices: npt.ArrayLike,
+    faces: npt.ArrayLike,
+    light_points: npt.ArrayLike,
+    corner: Vector,
+    edge_u: Vector,
+    edge_v: Vector,
+    size: tuple[int, int],
+    colours: npt.ArrayLike | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> _Floats:
+    """Draw a mesh's hard shadows from points of any colour onto a parallelogram and add them up.
+
+    Modulation textures of Herf and Heckbert 1996; a texel adds the colours of the points that it
+    sees. A point sees the parallelogram from the side that most of the points are on.
+
+    Parameters
+    ----------
+    vertices, faces
+        As in `mesh_edges`; what is opaque and casts.
+    light_points : array_like, shape (N, 3)
+        For example those of `light_samples`, or more of them to be added to an earlier result.
+    corner, edge_u, edge_v : array_like, shape (3,)
+        The parallelogram, ``corner + x edge_u + y edge_v``. The mesh casts from its plane on.
+    size : pair of ints
+        Texels along u and v, 1 to 8192.
+    colours : array_like, shape (N,) or (N, 3), optional
+        Of each point, with its intensity; ``1 / N`` when not given, so that the result is a
+        visibility.
+    progress : callable, optional
+        Is told the finished fraction.
+
+    Returns
+    -------
+    ndarray, shape (H, W) or (H, W, 3), float32
+        Row 0 is the one farthest along `edge_v`. (H, W) unless `colours` are (N, 3).
+
+    Raises
+    ------
+    ValueError
+        If the mesh is invalid, shapes do not fit, or a value is not finite or out of its range.
+    """
+    points = _points(light_points, "light_points")
+    n = len(points)
+    if n == 0:
+        raise ValueError("light_points: expected at least one")
+    weights = np.full(n, 1.0 / n) if colours is None else np.asarray(colours, dtype=np.float64)
+    if weights.shape not in ((n,), (n, 3)):
+        raise ValueError(f"colours: expected shape ({n},) or ({n}, 3), got {weights.shape}")
+    rgb = np.ascontiguousarray(np.broadcast_to(weights.reshape(n, -1), (n, 3)))
+    edges = [as_vector(edge_u, "edge_u"), as_vector(edge_v, "edge_v")]
+    width, height = (int(x) for x in size)
+    if width < 1 or height < 1:
+        raise ValueError(f"size: expected 1 texel a side or more, got {width} x {height}")
+    flat: _Floats = _kernels.accumulate(
+        _points(vertices, "vertices"),
+        _faces(faces),
+        points,
+        rgb,
+        as_vector(corner, "corner"),
+        edges,
+        (width, height),
+        progress,
+    )
+    image = flat.reshape(height, width, 3)
+    return image if weights.ndim == 2 else np.ascontiguousarray(image[..., 0])
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,103 @@ class Method:
 
 
 @dataclass(frozen=True)
+class Accumulation(Method):
+    """Averaged hard-shadow textures (Herf and Heckbert 1996).
+
+    Every receiver polygon (coplanar connected triangles of a mesh) has a texture: the mean of the
+    hard shadows from points of the light, drawn by flattening the occluders onto the polygon. At
+    texels' centres that is `RayTraced` with ``pattern="fixed"`` and the same samples and seed;
+    pictures interpolate between them. See ``docs/methods/accumulation.md``, and `bake` for the
+    textures themselves.
+
+    Parameters
+    ----------
+    samples : int
+        Light points, 1 to 65536: a texture has ``samples + 1`` levels. Powers of two are stratified
+        best.
+    seed : int
+        Of the light points, 0 to 2**64 - 1.
+    texture : {"radiance", "modulation", "eight_bit"}
+        Whether textures hold the irradiance from every light point, with its own cosines and
+        distance; only the fraction of points that is seen, the unshadowed light coming from its
+        closed form; or that fraction in eight bits, drawn by adding ``(256 - a) / samples`` for
+        every point seen (`samples` must divide ``256 - a``, ``a = round(256 ambient)``).
+    ambient : float
+        What textures hold without any light: a level of modulation, 0 to 1, or of a radiance
+        texture the radiance that comes from everywhere. Only in the textures of `bake`, not in
+        pictures.
+    texel : float, optional
+        World size of a texel; by default the scene's largest extent over `max_size`. Textures have
+        powers of two as sides, so texels are up to twice as small.
+    max_size : int
+        Most texels along a side, a power of two up to 8192 (the paper: 256).
+    interpolation : {"linear", "nearest"}
+        Whether pictures interpolate between the four texels around a pixel.
+    memory_limit : float
+        Bytes that textures may take; more is an error before any is taken.
+    opacity : {"opaque"}, optional
+        ``"opaque"`` lets every mesh with an opacity above 0 block all light. Without, each crossing
+        multiplies transmittance.
+    """
+
+    samples: int = 128
+    seed: int = 0
+    texture: Literal["radiance", "modulation", "eight_bit"] = "radiance"
+    ambient: float = 0.0
+    texel: float | None = None
+    max_size: int = 1024
+    interpolation: Literal["linear", "nearest"] = "linear"
+    memory_limit: float = 4e9
+    opacity: Literal["opaque"] | None = None
+
+    name: ClassVar[str] = "accumulation"
+    transparent: ClassVar[bool] = True
+
+    def _to_core(self) -> _core.Method:
+        return _core.Method.accumulation(self)
+
+
+@dataclass(frozen=True)
+class Convolution(Method):
+    """Hard-shadow textures convolved with the light's image (Soler and Sillion 1998).
+
+    Exact, to a texel, where the light, what casts and the receiver lie in parallel planes; see
+    ``docs/methods/convolution.md`` for where it is wrong. Receivers are polygons, as of
+    `Accumulation`.
+
+    Parameters
+    ----------
+    error : float
+        The hard shadow is split by the depth of what casts it until no part puts visibility before
+        a straight edge off by more than this; above 0, at most 1. With 1 every receiver takes the
+        average depth of all that casts on it.
+    texel : float, optional
+        World size of a texel; by default the scene's largest extent over `max_size`.
+    max_size : int
+        Most texels along a side, a power of two up to 8192.
+    interpolation : {"linear", "nearest"}
+        Whether pictures interpolate between the four texels around a pixel.
+    memory_limit : float
+        Bytes that textures may take; more is an error before any is taken.
+    opacity : {"opaque"}, optional
+        ``"opaque"`` lets every mesh with an opacity above 0 block all light; without, transparent
+        meshes that cast are an error.
+    """
+
+    error: float = 0.05
+    texel: float | None = None
+    max_size: int = 512
+    interpolation: Literal["linear", "nearest"] = "linear"
+    memory_limit: float = 4e9
+    opacity: Literal["opaque"] | None = None
+
+    name: ClassVar[str] = "convolution"
+
+    def _to_core(self) -> _core.Method:
+        return _core.Method.convolution(self)
+
+
+@dataclass(frozen=True)
 class Hard(Method):
     """Hard shadows: one shadow ray to the light's centre.
 
@@ -205,7 +302,7 @@ class Wedges(Method):
 
 
 _METHODS: dict[str, type[Method]] = {
-    m.name: m for m in (Hard, RayTraced, ShadowVolume, Ssoc, Wedges)
+    m.name: m for m in (Accumulation, Convolution, Hard, RayTraced, ShadowVolume, Ssoc, Wedges)
 }
 
 MethodLike: TypeAlias = "str | Method"

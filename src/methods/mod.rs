@@ -1,5 +1,7 @@
 //! The methods, each in a file or folder of its own, and what they have in common.
 //!
+//! - [`accumulation`]: averaged hard-shadow textures;
+//! - [`convolution`]: hard shadows convolved with the light's image;
 //! - [`hard`]: one shadow ray to the light's centre;
 //! - [`ray_traced`]: stratified light samples against the hierarchy, the reference;
 //! - [`ssoc`]: the soft shadow occlusion camera;
@@ -9,6 +11,8 @@
 //! any receivers ([`Prepared::shade`]). It says which fraction of a light each receiver sees; turning
 //! that into radiance is the same for all ([`crate::render`]).
 
+pub mod accumulation;
+pub mod convolution;
 pub mod hard;
 pub mod ray_traced;
 pub mod ssoc;

@@ -24,6 +24,8 @@ pub(super) mod kernels {
     use crate::simd::LANES;
 
     #[pymodule_export]
+    use super::super::accumulation::{accumulate, receiver_transform};
+    #[pymodule_export]
     use super::super::ssoc::ssoc_maps;
     #[pymodule_export]
     use super::super::wedges::{light_intensity, wedges};

@@ -6,9 +6,11 @@
 //! - [`objects`]: scene, camera, light and method objects;
 //! - [`render`]: preparing and rendering;
 //! - [`kernels`]: the pieces, as functions from arrays to arrays;
+//! - [`accumulation`]: receiver polygons' textures;
 //! - [`ssoc`]: those of the soft shadow occlusion camera;
 //! - [`wedges`]: those of penumbra wedges.
 
+mod accumulation;
 mod arrays;
 mod kernels;
 mod objects;
@@ -116,6 +118,8 @@ fn internal_error(panic: &(dyn Any + Send)) -> PyErr {
 
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::accumulation::{PyTextures, textures};
     #[pymodule_export]
     use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
     #[pymodule_export]

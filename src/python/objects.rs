@@ -12,6 +12,9 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Method;
+use crate::methods::accumulation::atlas::Layout;
+use crate::methods::accumulation::{Accumulation, Content};
+use crate::methods::convolution::Convolution;
 use crate::methods::hard::Hard;
 use crate::methods::ray_traced::RayTraced;
 use crate::methods::ssoc::Ssoc;
@@ -195,6 +198,16 @@ pub(super) struct PyMethod(pub(super) Arc<dyn Method>);
 #[pymethods]
 impl PyMethod {
     #[staticmethod]
+    fn accumulation(parameters: AccumulationParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
+    fn convolution(parameters: ConvolutionParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
     fn hard() -> Self {
         PyMethod(Arc::new(Hard))
     }
@@ -233,6 +246,92 @@ impl PyMethod {
     #[staticmethod]
     fn wedges(parameters: WedgeParameters) -> Result<Self> {
         Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+}
+
+/// The parameters of averaged hard shadows as Python has them: attributes of `softshadow.Accumulation`.
+#[derive(FromPyObject)]
+pub(super) struct AccumulationParameters {
+    samples: i64,
+    seed: u64,
+    texture: String,
+    ambient: f64,
+    texel: Option<f64>,
+    max_size: i64,
+    interpolation: String,
+    memory_limit: f64,
+    opacity: Option<String>,
+}
+
+impl AccumulationParameters {
+    /// Checks them.
+    pub(super) fn parse(&self) -> Result<Accumulation> {
+        let method = "Accumulation";
+        let contents = [
+            ("radiance", Content::Radiance),
+            ("modulation", Content::Modulation),
+            ("eight_bit", Content::EightBit),
+        ];
+        let layout = Layout {
+            names: ["accumulation", method],
+            texel: self.texel,
+            most_texels: u32::try_from(self.max_size).unwrap_or(0),
+            interpolate: choice(
+                method,
+                "interpolation",
+                &self.interpolation,
+                &INTERPOLATIONS,
+            )?,
+            memory: parse_memory(method, self.memory_limit)?,
+            radiance: self.texture == "radiance",
+            opaque: parse_opaque(method, self.opacity.as_deref())?,
+        };
+        Accumulation {
+            // What is out of range stays so.
+            samples: usize::try_from(self.samples).unwrap_or(0),
+            seed: self.seed,
+            content: choice(method, "texture", &self.texture, &contents)?,
+            ambient: self.ambient,
+            layout,
+        }
+        .checked()
+    }
+}
+
+/// The parameters of convolution as Python has them: attributes of `softshadow.Convolution`.
+#[derive(FromPyObject)]
+pub(super) struct ConvolutionParameters {
+    error: f64,
+    texel: Option<f64>,
+    max_size: i64,
+    interpolation: String,
+    memory_limit: f64,
+    opacity: Option<String>,
+}
+
+impl ConvolutionParameters {
+    /// Checks them.
+    fn parse(&self) -> Result<Convolution> {
+        let method = "Convolution";
+        let layout = Layout {
+            names: ["convolution", method],
+            texel: self.texel,
+            most_texels: u32::try_from(self.max_size).unwrap_or(0),
+            interpolate: choice(
+                method,
+                "interpolation",
+                &self.interpolation,
+                &INTERPOLATIONS,
+            )?,
+            memory: parse_memory(method, self.memory_limit)?,
+            radiance: false,
+            opaque: parse_opaque(method, self.opacity.as_deref())?,
+        };
+        Convolution {
+            error: self.error,
+            layout,
+        }
+        .checked()
     }
 }
 
@@ -345,6 +444,17 @@ fn choice<T: Copy>(method: &str, parameter: &str, name: &str, values: &[(&str, T
         );
         Error::parameter(method, reason)
     })
+}
+
+/// How pictures read textures.
+const INTERPOLATIONS: [(&str, bool); 2] = [("linear", true), ("nearest", false)];
+
+fn parse_memory(method: &str, bytes: f64) -> Result<usize> {
+    if bytes.is_nan() || bytes <= 0.0 {
+        let reason = format!("memory_limit must be positive, got {bytes}");
+        return Err(Error::parameter(method, reason));
+    }
+    Ok(bytes as usize)
 }
 
 fn parse_counting(method: &str, name: &str) -> Result<Counting> {

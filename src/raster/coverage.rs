@@ -52,13 +52,33 @@ pub fn cover(
     camera: &Camera,
     mut span: impl FnMut(u32, u32, u32),
 ) {
+    cover_facing(face, points, camera, false, &mut span);
+}
+
+/// As [`cover`]; with `front` only of a triangle that has a positive area in the image. Of a closed body that
+/// is all in front of the near plane, they cover what all of its triangles do.
+#[inline(always)]
+pub fn cover_facing(
+    face: &[u32; 3],
+    points: &[Projected],
+    camera: &Camera,
+    front: bool,
+    mut span: impl FnMut(u32, u32, u32),
+) {
     let [a, b, c] = face.map(|v| &points[v as usize]);
     if a.point.z >= NEAR && b.point.z >= NEAR && c.point.z >= NEAR {
         let Some((low, high)) = a.bounds.and(b.bounds).and(c.bounds).pixels() else {
             return;
         };
-        if let Some(edges) = setup::edges(&mut [a.screen, b.screen, c.screen]) {
-            Rows::of(edges, low, high).spans(low, high, span);
+        let mut corners = [a.screen, b.screen, c.screen];
+        match setup::wind(&mut corners) {
+            None => {}
+            Some(negative) if negative && front => {}
+            Some(_) => {
+                if let Some(rows) = Rows::of(setup::edges(&corners), low, high) {
+                    rows.spans(rows.low, rows.high, span);
+                }
+            }
         }
     } else {
         let corners = [a.point, b.point, c.point];
@@ -66,31 +86,58 @@ pub fn cover(
             .iter()
             .flatten()
         {
-            Rows::of(setup.edges, setup.low, setup.high).spans(setup.low, setup.high, &mut span);
+            if let Some(rows) = Rows::of(setup.edges, setup.low, setup.high) {
+                rows.spans(rows.low, rows.high, &mut span);
+            }
         }
     }
 }
 
-/// What an edge does to a row.
+/// Where edges of one side cross rows.
 #[derive(Clone, Copy)]
-enum Side {
-    /// It bounds the pixels inside from the right.
-    Right,
-    /// It bounds them from the left.
-    Left,
-    /// It runs along the row.
-    Level,
-    /// Every pixel has to be looked at.
-    Unclear,
+struct Crossings {
+    /// Column in row 0, and its change from row to row.
+    lines: [[f64; 2]; 2],
+    /// There may be none, at infinity.
+    count: usize,
+}
+
+impl Crossings {
+    #[inline(always)]
+    fn push(&mut self, line: [f64; 2]) {
+        // Three edges around an area are never on one side; were they, the last would not be looked at, and
+        // the exact test would.
+        self.lines[self.count.min(1)] = line;
+        self.count += 1;
+    }
+
+    /// The largest column of a row, with `sign` -1 the smallest.
+    #[inline(always)]
+    fn at(&self, row: f64, sign: f64) -> f64 {
+        let x = |i: usize| self.lines[i][0] + self.lines[i][1] * row;
+        let first = x(0);
+        if self.count < 2 {
+            return first;
+        }
+        let second = x(1);
+        if sign * second > sign * first {
+            second
+        } else {
+            first
+        }
+    }
 }
 
 /// The rows of pixels of a triangle, ready to be drawn.
 #[derive(Clone, Copy)]
 pub(super) struct Rows {
     edges: [EdgeFunction; 3],
-    /// Of each edge the column where it crosses row 0, its change from row to row, more than rounding can be
-    /// wrong by, and what it does.
-    crossings: [(f64, f64, f64, Side); 3],
+    lefts: Crossings,
+    rights: Crossings,
+    /// More than the crossings can be wrong by.
+    margin: f64,
+    /// Whether they say anything; otherwise every pixel of a row is in doubt.
+    clear: bool,
     low: [u32; 2],
     high: [u32; 2],
 }
@@ -106,49 +153,69 @@ impl Rows {
     ) -> [Option<Rows>; 2] {
         if !setup::is_in_front(face, points) {
             let parts = setup::clipped(face, points, camera);
-            return parts.map(|s| s.map(|s| Rows::of(s.edges, s.low, s.high)));
+            return parts.map(|s| s.and_then(|s| Rows::of(s.edges, s.low, s.high)));
         }
-        let Some((low, high)) = setup::pixels(face, points, bounds, camera) else {
-            return [None; 2];
-        };
-        let mut corners = face.map(|v| {
-            let p = points[v as usize];
-            [p.x / p.z, p.y / p.z]
+        let rows = setup::pixels(face, points, bounds, camera).and_then(|(low, high)| {
+            let mut corners = face.map(|v| {
+                let p = points[v as usize];
+                [p.x / p.z, p.y / p.z]
+            });
+            setup::wind(&mut corners)?;
+            Rows::of(setup::edges(&corners), low, high)
         });
-        [
-            setup::edges(&mut corners).map(|edges| Rows::of(edges, low, high)),
-            None,
-        ]
+        [rows, None]
     }
 
+    /// Of the pixels inside three edges, between `low` and `high`.
     #[inline(always)]
-    fn of(edges: [EdgeFunction; 3], low: [u32; 2], high: [u32; 2]) -> Self {
-        let crossings = edges.each_ref().map(|e| {
-            let (first, slope, margin) = e.crossing();
-            let side = if e.dy == 0.0 {
-                Side::Level
-            } else if !(first.is_finite() && slope.is_finite() && margin.is_finite()) {
-                Side::Unclear
-            } else if e.dy > 0.0 {
-                Side::Right
-            } else {
-                Side::Left
-            };
-            (first, slope, margin, side)
-        });
-        Rows {
+    fn of(edges: [EdgeFunction; 3], low: [u32; 2], high: [u32; 2]) -> Option<Self> {
+        let none = |x: f64| Crossings {
+            lines: [[x, 0.0]; 2],
+            count: 0,
+        };
+        let mut rows = Rows {
             edges,
-            crossings,
+            lefts: none(f64::NEG_INFINITY),
+            rights: none(f64::INFINITY),
+            margin: 0.0,
+            clear: false,
             low,
             high,
+        };
+        for e in &edges {
+            if e.dy == 0.0 {
+                // Along a row of centres it decides about that row, and of no other.
+                if e.above >= 0.0 {
+                    let at = |row: u32| f64::from(row) + 0.5 == e.y;
+                    rows.low[1] += u32::from(at(rows.low[1]));
+                    if at(rows.high[1]) {
+                        rows.high[1] = rows.high[1].checked_sub(1)?;
+                    }
+                }
+                continue;
+            }
+            let (first, slope, wrong) = e.crossing();
+            if e.dy > 0.0 {
+                rows.rights.push([first, slope]);
+            } else {
+                rows.lefts.push([first, slope]);
+            }
+            // Not a number, where the crossing is none: then every pixel of a row is in doubt.
+            rows.margin = if wrong <= rows.margin {
+                rows.margin
+            } else {
+                wrong
+            };
         }
+        rows.clear = rows.margin < 0.25 && rows.lefts.count <= 2 && rows.rights.count <= 2;
+        Some(rows)
     }
 
     /// Calls `span(row, first, last)` for the pixels in each row of a tile.
     #[inline(always)]
     pub(super) fn within(&self, tile: Tile, span: impl FnMut(u32, u32, u32)) {
-        let end = [tile.x + tile.width - 1, tile.y + tile.height - 1];
         let low = [self.low[0].max(tile.x), self.low[1].max(tile.y)];
+        let end = [tile.x + tile.width - 1, tile.y + tile.height - 1];
         let high = [self.high[0].min(end[0]), self.high[1].min(end[1])];
         if low[0] <= high[0] {
             self.spans(low, high, span);
@@ -158,51 +225,82 @@ impl Rows {
     /// Calls `span(row, first, last)` for the pixels in each row, between `low` and `high`.
     #[inline(always)]
     fn spans(&self, low: [u32; 2], high: [u32; 2], mut span: impl FnMut(u32, u32, u32)) {
-        'rows: for y in low[1]..=high[1] {
+        if !self.clear {
+            return spans_in_doubt(&self.edges, low, high, &mut span);
+        }
+        let margin = self.margin;
+        let (least, most) = (f64::from(low[0]), f64::from(high[0]));
+        for y in low[1]..=high[1] {
             let row = f64::from(y);
-            // Beyond the outer bounds nothing is inside, within the inner ones everything.
-            let (mut left, mut right) = (f64::from(low[0]), f64::from(high[0]));
-            let (mut inner_left, mut inner_right) = (left, right);
-            for (e, &(first, slope, margin, side)) in self.edges.iter().zip(&self.crossings) {
-                let x = first + slope * row;
-                match side {
-                    Side::Right => {
-                        right = right.min(x + margin);
-                        inner_right = inner_right.min(x - margin);
-                    }
-                    Side::Left => {
-                        left = left.max(x - margin);
-                        inner_left = inner_left.max(x + margin);
-                    }
-                    Side::Level => {
-                        if e.dx * (row + 0.5 - e.y) <= e.above {
-                            continue 'rows;
-                        }
-                    }
-                    Side::Unclear => inner_left = f64::INFINITY,
+            let (left, right) = (self.lefts.at(row, 1.0), self.rights.at(row, -1.0));
+            // Inside are all columns from `first` to `last`; one before and after may be.
+            let first = ceil(larger(left + margin, least), most);
+            let last = floor(smaller(right - margin, most), least);
+            let before = first > least && first - 1.0 >= left - margin;
+            let after = last < most && last + 1.0 <= right + margin;
+            let (mut first, mut last) = (first, last);
+            if before || after {
+                let p = |x: f64| [x + 0.5, row + 0.5];
+                let inside = |x: f64| self.edges.iter().all(|e| e.contains(p(x)));
+                if before && inside(first - 1.0) {
+                    first -= 1.0;
                 }
-            }
-            if left > right {
-                continue;
-            }
-            // `left` is not negative, and so neither is `right`.
-            let (mut first, mut last) = (left as i64, right as i64);
-            first += i64::from((first as f64) < left);
-            let inside = |x: i64| {
-                let p = [x as f64 + 0.5, row + 0.5];
-                self.edges.iter().all(|e| e.contains(p))
-            };
-            while first <= last && (first as f64) < inner_left && !inside(first) {
-                first += 1;
-            }
-            while last >= first && (last as f64) > inner_right && !inside(last) {
-                last -= 1;
+                if after && inside(last + 1.0) {
+                    last += 1.0;
+                }
             }
             if first <= last {
                 span(y, first as u32, last as u32);
             }
         }
     }
+}
+
+/// Rows of which every pixel is looked at: of slivers that lie along a row.
+#[cold]
+fn spans_in_doubt(
+    edges: &[EdgeFunction; 3],
+    low: [u32; 2],
+    high: [u32; 2],
+    span: &mut dyn FnMut(u32, u32, u32),
+) {
+    for y in low[1]..=high[1] {
+        let inside = |x: &u32| {
+            let p = [f64::from(*x) + 0.5, f64::from(y) + 0.5];
+            edges.iter().all(|e| e.contains(p))
+        };
+        if let Some(first) = (low[0]..=high[0]).find(inside) {
+            let last = (first..=high[0]).rev().find(inside).unwrap_or(first);
+            span(y, first, last);
+        }
+    }
+}
+
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// The next whole number, of one from 0 on; at most `most + 1`.
+#[inline(always)]
+fn ceil(x: f64, most: f64) -> f64 {
+    // A cast, since `ceil` is a call where the instruction set is not known to have it.
+    let x = smaller(x, most + 1.0);
+    let whole = f64::from(x as i32);
+    if whole < x { whole + 1.0 } else { whole }
+}
+
+/// The whole number before, of one that is not large; at least `least - 1`.
+#[inline(always)]
+fn floor(x: f64, least: f64) -> f64 {
+    let x = larger(x, least - 1.0);
+    let whole = f64::from(x as i32);
+    if whole > x { whole - 1.0 } else { whole }
 }
 
 /// One bit a pixel, in rows of whole words.

@@ -456,7 +456,8 @@ fn one(corners: [DVec3; 3], depth: DVec3, camera: &Camera) -> Option<Setup> {
     let mut s = corners.map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z]);
     let [a, b, c] = s.map(|p| Bounds::of_point([p[0], p[1]], camera));
     let (low, high) = a.and(b).and(c).pixels()?;
-    let edges = edges(&mut s)?;
+    wind(&mut s)?;
+    let edges = edges(&s);
     let range = [
         s[0][2].min(s[1][2]).min(s[2][2]),
         s[0][2].max(s[1][2]).max(s[2][2]),
@@ -470,9 +471,10 @@ fn one(corners: [DVec3; 3], depth: DVec3, camera: &Camera) -> Option<Setup> {
     })
 }
 
-/// The edges of a triangle that has an area, wound to a positive one; corners are `(x, y, …)`.
+/// Winds a triangle to a positive area, if it has one, and says whether it was negative; corners are
+/// `(x, y, …)`.
 #[inline(always)]
-pub(super) fn edges<const N: usize>(s: &mut [[f64; N]; 3]) -> Option<[EdgeFunction; 3]> {
+pub(super) fn wind<const N: usize>(s: &mut [[f64; N]; 3]) -> Option<bool> {
     let c = |p: &[f64; N]| robust::Coord { x: p[0], y: p[1] };
     let area = robust::orient2d(c(&s[0]), c(&s[1]), c(&s[2]));
     if area == 0.0 || !area.is_finite() {
@@ -481,7 +483,13 @@ pub(super) fn edges<const N: usize>(s: &mut [[f64; N]; 3]) -> Option<[EdgeFuncti
     if area < 0.0 {
         s.swap(1, 2);
     }
-    Some([edge(&s[0], &s[1]), edge(&s[1], &s[2]), edge(&s[2], &s[0])])
+    Some(area < 0.0)
+}
+
+/// The edges of a triangle of positive area.
+#[inline(always)]
+pub(super) fn edges<const N: usize>(s: &[[f64; N]; 3]) -> [EdgeFunction; 3] {
+    [edge(&s[0], &s[1]), edge(&s[1], &s[2]), edge(&s[2], &s[0])]
 }
 
 /// Positive on the inner side of the edge from `a` to `b` of a triangle with positive area.

@@ -8,7 +8,12 @@ use crate::simd::{LANES, Lanes, Row};
 
 /// Row `r` of the scrambled pattern, in [-1, 1]², or mapped onto the unit disk.
 #[inline(always)]
-fn coordinates(pattern: &Pattern, r: usize, scramble: [u32; 2], disk: bool) -> (Row, Row) {
+pub(super) fn coordinates(
+    pattern: &Pattern,
+    r: usize,
+    scramble: [u32; 2],
+    disk: bool,
+) -> (Row, Row) {
     let (mut x, mut y) = (Row::default(), Row::default());
     for lane in 0..LANES {
         x.0[lane] = centered(pattern.x[r][lane] ^ scramble[0]);

@@ -17,6 +17,7 @@
 //! - `shapes`: the frame of a flat light, the cap of a sphere;
 //! - `fill`: from points of the square to light points and weights, sixteen at a time;
 //! - `samples`: the light points of one receiver, [`LightSamples`];
+//! - `shared`: the light points of a region of receivers, [`SharedPoint`];
 //! - `cells`: the grid of cells over the light's outline, as in a [`View`].
 
 mod cells;
@@ -24,6 +25,7 @@ mod fill;
 mod pattern;
 mod samples;
 mod shapes;
+mod shared;
 
 use glam::{DVec3, Vec3};
 
@@ -34,6 +36,7 @@ use fill::{fill_cap, fill_flat};
 pub use pattern::Pattern;
 pub use samples::LightSamples;
 use shapes::{Cap, Flat};
+pub use shared::SharedPoint;
 
 /// How far a light point is moved off the light, times the largest of its coordinates and 1 (local
 /// units): four `f32` ulps, more than the rounding of its coordinates.

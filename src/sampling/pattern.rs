@@ -1,5 +1,7 @@
 //! The points of the unit square that samples start from: a scrambled Sobol sequence.
 
+use std::ops::Range;
+
 use super::cells::morton;
 use crate::simd::LANES;
 
@@ -17,22 +19,25 @@ pub struct Pattern {
 impl Pattern {
     /// The first `n` points of the sequence with this seed.
     pub fn new(n: usize, seed: u64) -> Self {
-        let (sx, sy) = (hash(seed, 0x51) as u32, hash(seed, 0x52) as u32);
-        let mut points: Vec<(u32, u32)> = (0..n as u32)
-            .map(|i| {
-                (
-                    owen_scramble(i.reverse_bits(), sx),
-                    owen_scramble(sobol_second(i), sy),
-                )
-            })
-            .collect();
+        let mut points: Vec<(u32, u32)> = (0..n as u32).map(|i| point(i, seed)).collect();
         points.sort_unstable_by_key(|&(x, y)| (morton(x >> 16) | (morton(y >> 16) << 1), x, y));
+        Pattern::of(&points, seed)
+    }
+
+    /// The points of the sequence from number `range.start` to `range.end`, in its order: what refining adds to
+    /// the points before.
+    pub fn part(range: Range<usize>, seed: u64) -> Self {
+        let points: Vec<_> = range.map(|i| point(i as u32, seed)).collect();
+        Pattern::of(&points, seed)
+    }
+
+    fn of(points: &[(u32, u32)], seed: u64) -> Self {
         let rows = |pick: fn(&(u32, u32)) -> u32| {
             let row = |c: &[(u32, u32)]| std::array::from_fn(|i| c.get(i).map_or(0, pick));
             points.chunks(LANES).map(row).collect()
         };
         Pattern {
-            len: n,
+            len: points.len(),
             x: rows(|p| p.0),
             y: rows(|p| p.1),
             seed,
@@ -57,6 +62,15 @@ impl Pattern {
         );
         [h as u32, (h >> 32) as u32]
     }
+}
+
+/// Point `i` of the sequence, as 32-bit fractions.
+fn point(i: u32, seed: u64) -> (u32, u32) {
+    let (sx, sy) = (hash(seed, 0x51) as u32, hash(seed, 0x52) as u32);
+    (
+        owen_scramble(i.reverse_bits(), sx),
+        owen_scramble(sobol_second(i), sy),
+    )
 }
 
 /// Second dimension of the Sobol sequence, as a 32-bit fraction.
@@ -130,6 +144,11 @@ mod tests {
         };
         let (few, many) = (sorted(100), sorted(200));
         assert!(few.iter().all(|p| many.binary_search(p).is_ok()));
+        let part = Pattern::part(100..200, 3);
+        let (x, y) = (part.x.into_iter().flatten(), part.y.into_iter().flatten());
+        let mut both: Vec<_> = x.zip(y).take(100).chain(few).collect();
+        both.sort_unstable();
+        assert_eq!(both, many);
     }
 
     #[test]

@@ -1,0 +1,348 @@
+//! The hard shadow from the light's centre with the depths of what casts it, its parts, and what they hide.
+//!
+//! A texel's occluders lie between the parts `w` and `w'` of the way from the light to the receiver; as the light's
+//! image is scaled by `1/w - 1` ([`super::kernel`]), the mean of both scales counts. At a silhouette they are
+//! the same.
+//!
+//! Before a straight edge a light's image that is scaled by `t` instead of `s > t` puts visibility off by up to
+//! `(1 - t/s) / 2`: at the end of the narrower penumbra. So a part whose scales run from `t` to `s` is halved
+//! while that is more than the error that may be, and wide enough for a texel to show. Halves are taken in the
+//! logarithm of the scale: the error depends on the scales' ratio.
+
+use glam::DVec2;
+use rayon::prelude::*;
+
+use super::MOST_SCALE;
+use super::fourier::Transform;
+use super::kernel::Spread;
+use crate::control::Control;
+use crate::error::Result;
+use crate::methods::accumulation::occluders::{Occluders, Side};
+use crate::methods::accumulation::patches::Parallelogram;
+use crate::methods::accumulation::transform::camera;
+use crate::raster::{SPAN, Sink, Tile, project, rasterize_projected};
+
+/// Below this many texels times weights, or four a texel of the window, a sum is as fast as a transform.
+const DIRECT: usize = 1 << 14;
+
+/// The part of a receiver's plane that shadows are drawn in.
+#[derive(Debug, Clone, Copy)]
+pub struct Window {
+    /// In parts of the receiver's edges.
+    pub low: DVec2,
+    /// The other end.
+    pub high: DVec2,
+    /// Texels along both.
+    pub size: [u32; 2],
+    /// The hard shadow has so many finer texels along a side of each.
+    pub fine: u32,
+}
+
+impl Window {
+    /// Size of a texel in parts of the receiver's edges.
+    fn texel(&self) -> DVec2 {
+        (self.high - self.low) / DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
+    }
+
+    /// Where a point is, in texels from the centre of the first.
+    fn place(&self, u: f64, v: f64) -> DVec2 {
+        (DVec2::new(u, v) - self.low) / self.texel() - 0.5
+    }
+
+    fn on(&self, bounds: &Parallelogram) -> Parallelogram {
+        let size = self.high - self.low;
+        Parallelogram {
+            corner: bounds.at(self.low.x, self.low.y),
+            edges: [bounds.edges[0] * size.x, bounds.edges[1] * size.y],
+        }
+    }
+}
+
+/// Nearest and farthest inverse depth of a tile's texels.
+struct Depths {
+    tile: Tile,
+    range: Vec<[f64; 2]>,
+}
+
+impl Sink for Depths {
+    fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], _: u32) {
+        let first = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;
+        for i in (0..SPAN).filter(|i| mask >> i & 1 == 1) {
+            let range = &mut self.range[first + i];
+            *range = [
+                range[0].min(inverse_depth[i]),
+                range[1].max(inverse_depth[i]),
+            ];
+        }
+    }
+}
+
+/// The scale of every fine texel of a window, in rows; not a number where it is lit.
+pub struct HardShadow {
+    scales: Vec<f32>,
+    /// Fine texels along a side of a texel.
+    fine: u32,
+}
+
+/// A part of the shadow: the parts of texels that are in it, and the scale that stands for theirs.
+pub struct Layer {
+    texels: Vec<(u32, f32)>,
+    scale: f64,
+}
+
+/// Steps of the logarithm of the scale that parts are told apart by.
+const STEPS: usize = 512;
+
+impl HardShadow {
+    /// Draws what casts with a scale above the first and up to the second of two.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`].
+    pub fn new(
+        occluders: &Occluders,
+        side: &Side,
+        eye: glam::DVec3,
+        window: &Window,
+        [above, most]: [f64; 2],
+        control: &Control,
+    ) -> Result<Self> {
+        let fine = window.fine;
+        let [width, height] = window.size.map(|s| s * fine);
+        let mut scales = vec![f32::NAN; width as usize * height as usize];
+        let Some(view) = camera(eye, &window.on(&side.bounds), [width, height]) else {
+            return Ok(HardShadow { scales, fine });
+        };
+        let (points, bounds): (Vec<_>, Vec<_>) =
+            occluders.points.iter().map(|p| project(*p, &view)).unzip();
+        let faces: Vec<[u32; 3]> = [&occluders.opaque, &occluders.closed]
+            .into_iter()
+            .flatten()
+            .copied()
+            .collect();
+        let make = |tile: Tile| Depths {
+            tile,
+            range: vec![[f64::INFINITY, 0.0]; (tile.width * tile.height) as usize],
+        };
+        // Its steps are no steps of the method's.
+        let quiet = Control::default();
+        control.check()?;
+        let tiles = rasterize_projected(&points, &bounds, &faces, |_| true, &view, &quiet, make)?;
+        for (tile, depths) in tiles {
+            for (i, [near, far]) in depths.range.iter().enumerate() {
+                if far < near {
+                    continue;
+                }
+                let (x, y) = (i as u32 % tile.width, i as u32 / tile.width);
+                let at = ((tile.y + y) * width + tile.x + x) as usize;
+                // Beyond the last range there is nothing but rounding.
+                let scale = |inverse: f64| (inverse - 1.0).clamp(0.0, MOST_SCALE);
+                let mean = 0.5 * (scale(*near) + scale(*far));
+                if mean > above && mean <= most {
+                    scales[at] = mean as f32;
+                }
+            }
+        }
+        Ok(HardShadow { scales, fine })
+    }
+
+    /// Splits the shadow until no part is off by more than `error`, or by what a texel can show.
+    pub fn layers(&self, error: f64, spread: &Spread, window: &Window) -> Vec<Layer> {
+        let half = (spread.half() / window.texel()).max_element();
+        let shadow = || self.scales.iter().copied().filter(|s| !s.is_nan());
+        let largest = f64::from(shadow().fold(0.0, f32::max));
+        // What spreads less than this is sharp in any case.
+        let least = (0.25 / half.max(1e-12)).min(largest);
+        let span = (largest / least).ln().max(1e-12);
+        let step_of = |scale: f32| {
+            let along = (f64::from(scale).max(least) / least).ln() / span;
+            ((along * STEPS as f64) as usize).min(STEPS - 1)
+        };
+        let mut count = [0usize; STEPS];
+        let mut sum = [0.0f64; STEPS];
+        for scale in shadow() {
+            let step = step_of(scale);
+            count[step] += 1;
+            sum[step] += f64::from(scale);
+        }
+        let mut of_step = [0usize; STEPS];
+        let mut scales = Vec::new();
+        let mut stack = vec![(0, STEPS)];
+        while let Some((first, end)) = stack.pop() {
+            let used = |i: &usize| count[*i] > 0;
+            let (Some(low), Some(high)) = ((first..end).find(used), (first..end).rev().find(used))
+            else {
+                continue;
+            };
+            let scale_of = |step: usize| least * (span * step as f64 / STEPS as f64).exp();
+            let (narrow, wide) = (scale_of(low), scale_of(high + 1));
+            let off = 0.5 * (1.0 - narrow / wide);
+            let seen = (wide - narrow) * half > 0.5;
+            if off > error && seen && low < high {
+                let middle = (low + high + 1) / 2;
+                stack.extend([(low, middle), (middle, high + 1)]);
+                continue;
+            }
+            let total: usize = count[low..=high].iter().sum();
+            of_step[low..=high].fill(scales.len());
+            scales.push(sum[low..=high].iter().sum::<f64>() / total as f64);
+        }
+        let mut layers: Vec<Layer> = scales
+            .into_iter()
+            .map(|scale| Layer {
+                texels: Vec::new(),
+                scale,
+            })
+            .collect();
+        let fine = self.fine as usize;
+        let [width, height] = window.size.map(|s| s as usize);
+        let part = 1.0 / (fine * fine) as f32;
+        for y in 0..height {
+            for x in 0..width {
+                let texel = (y * width + x) as u32;
+                for i in 0..fine * fine {
+                    let (fx, fy) = (x * fine + i % fine, y * fine + i / fine);
+                    let scale = self.scales[fy * width * fine + fx];
+                    if scale.is_nan() {
+                        continue;
+                    }
+                    let texels = &mut layers[of_step[step_of(scale)]].texels;
+                    match texels.last_mut() {
+                        Some((last, sum)) if *last == texel => *sum += part,
+                        _ => texels.push((texel, part)),
+                    }
+                }
+            }
+        }
+        layers
+    }
+}
+
+/// What is hidden of the light, texel by texel of a window.
+pub struct Hidden {
+    window: Window,
+    stride: usize,
+    values: Vec<f32>,
+}
+
+impl Hidden {
+    /// At a point of the receiver, interpolated.
+    pub fn at(&self, u: f64, v: f64) -> f32 {
+        let [w, h] = self.window.size;
+        let last = DVec2::new(f64::from(w - 1), f64::from(h - 1));
+        let p = self.window.place(u, v).clamp(DVec2::ZERO, last);
+        let (x, y) = (p.x as usize, p.y as usize);
+        let (x1, y1) = ((x + 1).min(w as usize - 1), (y + 1).min(h as usize - 1));
+        let (fx, fy) = ((p.x - x as f64) as f32, (p.y - y as f64) as f32);
+        let value = |x: usize, y: usize| self.values[y * self.stride + x];
+        let row = |y: usize| value(x, y) * (1.0 - fx) + value(x1, y) * fx;
+        row(y) * (1.0 - fy) + row(y1) * fy
+    }
+}
+
+/// The texels of a window that lie around the centres of a texture's.
+fn wanted(window: &Window, size: [u32; 2]) -> Vec<u32> {
+    let [width, height] = window.size;
+    let mut marked = vec![false; width as usize * height as usize];
+    for y in 0..size[1] {
+        for x in 0..size[0] {
+            let [u, v] = [(x, 0), (y, 1)]
+                .map(|(i, k): (u32, usize)| (f64::from(i) + 0.5) / f64::from(size[k]));
+            let p = window.place(u, v).floor();
+            for (i, j) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+                let at = |p: f64, size: u32| p.clamp(0.0, f64::from(size - 1)) as u32;
+                marked[(at(p.y + j, height) * width + at(p.x + i, width)) as usize] = true;
+            }
+        }
+    }
+    let all = (0..width * height).filter(|&t| marked[t as usize]);
+    all.collect()
+}
+
+/// Convolves every part with the light's image and adds them up, where a texture of this size needs it.
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`].
+pub fn hidden(
+    layers: &[Layer],
+    spread: &Spread,
+    window: &Window,
+    size: [u32; 2],
+    control: &Control,
+) -> Result<Hidden> {
+    let [width, height] = window.size.map(|s| s as usize);
+    let texel = window.texel();
+    let mut values = vec![0.0f32; width * height];
+    let half = spread.half() / texel;
+    let mut transformed = Vec::new();
+    let wanted = wanted(window, size);
+    for layer in layers {
+        control.check()?;
+        let reach = half * layer.scale;
+        let weights = ((2.0 * reach.x + 3.0) * (2.0 * reach.y + 3.0)) as usize;
+        if weights * wanted.len() > DIRECT.max(4 * width * height) {
+            transformed.push(layer);
+            continue;
+        }
+        let mut picture = vec![0.0f32; width * height];
+        for &(t, part) in &layer.texels {
+            picture[t as usize] = part;
+        }
+        let [rx, ry] = reach.to_array().map(|r| r.ceil() as i32 + 1);
+        let across = (2 * rx + 1) as usize;
+        let mut kernel = vec![0.0f32; across * (2 * ry + 1) as usize];
+        spread.weights(layer.scale, texel, |[i, j], w| {
+            kernel[(j + ry) as usize * across + (i + rx) as usize] += w;
+        });
+        for &at in &wanted {
+            let (x, y) = ((at as usize % width) as i32, (at as usize / width) as i32);
+            let (first, last) = ((x - width as i32 + 1).max(-rx), x.min(rx));
+            for j in (y - height as i32 + 1).max(-ry)..=y.min(ry) {
+                let row = (y - j) as usize * width;
+                let weights = &kernel[(j + ry) as usize * across..];
+                let hidden = (first..=last)
+                    .map(|i| weights[(i + rx) as usize] * picture[row + (x - i) as usize]);
+                values[at as usize] += hidden.sum::<f32>();
+            }
+        }
+    }
+    if let Some(largest) = transformed.iter().map(|l| l.scale).reduce(f64::max) {
+        // What is convolved around the end comes back at the start: room for the widest image.
+        let reach = half * largest;
+        let transform = Transform::new(
+            width + reach.x.ceil() as usize + 2,
+            height + reach.y.ceil() as usize + 2,
+        );
+        let [w, h] = transform.size();
+        let spectra: Vec<_> = transformed
+            .par_iter()
+            .map(|layer| {
+                control.check()?;
+                let mut picture = transform.picture();
+                for &(t, part) in &layer.texels {
+                    picture[t as usize / width * w + t as usize % width].re = part;
+                }
+                let mut kernel = transform.picture();
+                spread.weights(layer.scale, texel, |[i, j], weight| {
+                    let x = i.rem_euclid(w as i32) as usize;
+                    let y = j.rem_euclid(h as i32) as usize;
+                    kernel[y * w + x].re += weight;
+                });
+                let (a, b) = (transform.forward(picture), transform.forward(kernel));
+                Ok(a.iter().zip(&b).map(|(a, b)| a * b).collect::<Vec<_>>())
+            })
+            .collect::<Result<_>>()?;
+        let mut sum = transform.picture();
+        for spectrum in &spectra {
+            sum.iter_mut().zip(spectrum).for_each(|(s, v)| *s += v);
+        }
+        let picture = transform.inverse(sum);
+        for (row, added) in values.chunks_mut(width).zip(picture.chunks(w)) {
+            row.iter_mut().zip(added).for_each(|(v, a)| *v += a);
+        }
+    }
+    Ok(Hidden {
+        window: *window,
+        stride: width,
+        values,
+    })
+}

@@ -1,0 +1,242 @@
+//! Soft shadow textures by convolution (Soler and Sillion 1998, "Fast Calculation of Soft Shadow Textures Using
+//! Convolution", as Akenine-Möller and Assarsson 2002 describe and compare with it).
+//!
+//! Where light, occluder and receiver lie in parallel planes, the shadow that the light's centre casts,
+//! convolved with the light's image scaled by the distances, is the soft shadow. At the part `w` of the way
+//! from the light's plane to the receiver's, an occluder projects a light point that is off the centre by `d`
+//! to `-(1/w - 1) d` off the shadow from the centre ([`kernel`]).
+//!
+//! Receivers are the polygons of [`super::accumulation`]. A light that is not parallel to one is replaced by its
+//! image in the parallel plane through its centre. Occluders at several depths are the error: the hard shadow
+//! is split by the depth of what casts it, in halves, until the penumbrae within a part differ in width by
+//! less than an error that was asked for; every part is convolved for its mean scale, and what the parts hide is
+//! added ([`layers`]). With an error of 1 all of a receiver's occluders have one, average, depth.
+//!
+//! - [`layers`]: the hard shadow with depths, and its parts;
+//! - [`kernel`]: the light's image as weights of texels;
+//! - [`fourier`]: convolution by the fast Fourier transform (rustfft's scalar code, the same bits everywhere).
+//!
+//! Assumptions and failures: only what the light's centre sees casts, so light that gets past behind an
+//! occluder's silhouette, or under a large light, is missed; shadows of occluders that overlap as the centre sees
+//! them are that of one of them, at the mean depth of the nearest and the farthest; penumbrae
+//! that are wider than a receiver are drawn in coarser windows around it. Receivers much smaller than their
+//! penumbrae are costly. Transparent occluders
+//! and analytic spheres cannot be modelled.
+
+pub mod fourier;
+pub mod kernel;
+pub mod layers;
+
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3};
+
+use super::accumulation::atlas::{Atlas, Key, Layout};
+use super::accumulation::lookup::Contacts;
+use super::accumulation::occluders::{Gatherer, Pyramid, Side};
+use super::accumulation::pictures::{Painter, Pictures};
+use super::accumulation::texture::Texture;
+use super::wedges::contour::Casters;
+use super::{Method, Prepared};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::light::{Light, Shape};
+use kernel::Spread;
+use layers::{HardShadow, Window};
+
+/// Most texels along a side of the window around a receiver.
+pub const MOST_WINDOW: u32 = 2048;
+
+/// The hard shadow is drawn finer than the texture by this along each side, so that its edge is where it is and
+/// not at a texel's border.
+const FINE: u32 = 4;
+
+/// Most texels along a side that it is drawn with.
+const FINEST: u32 = 4096;
+
+/// Fewest texels along a side of a window.
+const SMALL_WINDOW: u32 = 64;
+
+/// How much wider than the texture its window may be, at the texture's resolution.
+const WIDER: u32 = 4;
+
+/// How much farther than the last one's the penumbrae of the next window reach.
+const OCTAVE: f64 = 4.0;
+
+/// Largest scale of the light's image that is told apart: occluders nearer to the light than a thirtieth of
+/// its distance, where a light's width away is thirty widths on the receiver.
+const MOST_SCALE: f64 = 30.0;
+
+/// Parameters of convolution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Convolution {
+    /// Largest error of visibility before a straight edge that parts of the shadow may have, 0 to 1.
+    pub error: f64,
+    /// How polygons become textures.
+    pub layout: Layout,
+}
+
+impl Convolution {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        if !(self.error > 0.0 && self.error <= 1.0) {
+            let reason = format!("error must be above 0 and at most 1, got {}", self.error);
+            return Err(Error::parameter("Convolution", reason));
+        }
+        self.layout.check()?;
+        Ok(self)
+    }
+}
+
+impl Method for Convolution {
+    fn name(&self) -> &'static str {
+        "convolution"
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        control.check()?;
+        Casters::new(self.name(), geometry.clone(), self.layout.opaque)?;
+        let atlas = Atlas::new(geometry, lights, self.layout)?;
+        Ok(Box::new(Pictures::new(atlas, *self)))
+    }
+}
+
+impl Painter for Convolution {
+    fn paint(
+        &self,
+        atlas: &Atlas,
+        key: Key,
+        texture: &mut Texture,
+        gatherer: &mut Gatherer,
+        control: &Control,
+    ) -> Result<Contacts> {
+        let side = atlas.side(key);
+        let light = &atlas.lights[key.light as usize];
+        let occluders = atlas.occluders(key, &side, gatherer);
+        let mut hidden = Vec::new();
+        let eye = eye(light, &side);
+        if let Some(eye) = eye.filter(|_| !occluders.points.is_empty()) {
+            let spread = Spread::new(light, &side, eye);
+            let highest = Pyramid::new(light, &side).highest(&occluders, &side);
+            let full = side.normal.dot(eye - side.bounds.corner);
+            for scales in octaves(highest, full, &spread) {
+                let window = window(scales[1], &spread, texture.size);
+                let shadow = HardShadow::new(&occluders, &side, eye, &window, scales, control)?;
+                let layers = shadow.layers(self.error, &spread, &window);
+                hidden.push(layers::hidden(
+                    &layers,
+                    &spread,
+                    &window,
+                    texture.size,
+                    control,
+                )?);
+            }
+        }
+        for y in 0..texture.size[1] {
+            for x in 0..texture.size[0] {
+                let [u, v] = [(x, 0), (y, 1)]
+                    .map(|(i, k): (u32, usize)| (f64::from(i) + 0.5) / f64::from(texture.size[k]));
+                // None of a light below the receiver is seen.
+                let hidden = match eye {
+                    Some(_) => hidden.iter().map(|h| h.at(u, v)).sum::<f32>(),
+                    None => 1.0,
+                };
+                texture.set(x as usize, y as usize, (1.0 - hidden).clamp(0.0, 1.0));
+            }
+        }
+        Ok(Contacts::new(
+            &side.bounds,
+            texture.size,
+            &occluders.contacts,
+        ))
+    }
+
+    fn knows_only_occluders(&self) -> bool {
+        true
+    }
+}
+
+/// The point that hard shadows are cast from: the light's centre, or if that is not over the receiver, halfway
+/// up to the light's highest point.
+fn eye(light: &Light, side: &Side) -> Option<DVec3> {
+    let center = light.center();
+    let height = |p: DVec3| side.normal.dot(p - side.bounds.corner);
+    if height(center) > 0.0 {
+        return Some(center);
+    }
+    let highest = match light.shape {
+        Shape::Rect { u, v, .. } => {
+            let along = |e: DVec3| e * (0.5 * side.normal.dot(e).signum());
+            center + along(u) + along(v)
+        }
+        Shape::Disk { normal, radius, .. } => {
+            let up = side.normal - normal * side.normal.dot(normal);
+            center + up.normalize_or_zero() * radius
+        }
+        Shape::Sphere { radius, .. } => center + side.normal * radius,
+    };
+    let (low, high) = (height(center), height(highest));
+    // Halfway between the plane and the highest point.
+    (high > 0.0).then(|| center + (highest - center) * ((0.5 * high - low) / (high - low)))
+}
+
+/// Ranges of scales that are drawn in windows of their own, for occluders that are at most so high under an eye
+/// of height `full`: up to the one whose penumbrae reach half of the receiver's size around it, and then
+/// [`OCTAVE`] times as far. So that what touches a small receiver is drawn as fine as it is.
+fn octaves(highest: f64, full: f64, spread: &Spread) -> Vec<[f64; 2]> {
+    let largest = if highest < full {
+        (highest / (full - highest)).min(MOST_SCALE)
+    } else {
+        MOST_SCALE
+    };
+    let half = spread.half().max_element();
+    let mut out = Vec::new();
+    let (mut low, mut high) = (
+        -1.0,
+        if half > 0.0 {
+            0.5 / half
+        } else {
+            f64::INFINITY
+        },
+    );
+    while high < largest {
+        out.push([low, high]);
+        (low, high) = (high, OCTAVE * high);
+    }
+    out.push([low, largest]);
+    out
+}
+
+/// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders of at most this
+/// scale.
+fn window(scale: f64, spread: &Spread, size: [u32; 2]) -> Window {
+    // A texel more for rounding.
+    let texel = DVec2::new(1.0 / f64::from(size[0]), 1.0 / f64::from(size[1]));
+    let margin = spread.half() * scale + texel;
+    let wanted = [0, 1].map(|k| f64::from(size[k]) * (1.0 + 2.0 * margin[k]));
+    // A receiver of few texels is drawn finer than them, or what touches it would darken all of it.
+    let [width, height] = [0, 1].map(|k| {
+        let most = (WIDER * size[k]).clamp(SMALL_WINDOW, MOST_WINDOW);
+        wanted[k]
+            .ceil()
+            .clamp(f64::from(SMALL_WINDOW), f64::from(most)) as u32
+    });
+    let coarser = (wanted[0] / f64::from(width)).max(wanted[1] / f64::from(height));
+    Window {
+        low: -margin,
+        high: DVec2::ONE + margin,
+        size: [width, height],
+        fine: ((f64::from(FINE) * coarser).ceil() as u32)
+            .min(FINEST / width.max(height))
+            .clamp(1, FINE),
+    }
+}
