@@ -16,7 +16,16 @@ from softshadow._core import ParameterError, SceneError, UnsupportedError, __ver
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.methods import Hard, Method, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
+from softshadow.methods import (
+    Hard,
+    Method,
+    RayTraced,
+    ShadowVolume,
+    SingleSample,
+    Ssoc,
+    Wedges,
+    method_names,
+)
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Mesh, Scene, Spheres
 
@@ -38,6 +47,7 @@ __all__ = [
     "ShadowVolume",
     "SphereLight",
     "Spheres",
+    "SingleSample",
     "Ssoc",
     "UnsupportedError",
     "Wedges",

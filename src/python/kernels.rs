@@ -24,6 +24,8 @@ pub(super) mod kernels {
     use crate::simd::LANES;
 
     #[pymodule_export]
+    use super::super::single_sample::{attenuation, outer_distances};
+    #[pymodule_export]
     use super::super::ssoc::ssoc_maps;
     #[pymodule_export]
     use super::super::wedges::{light_intensity, wedges};

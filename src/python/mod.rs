@@ -6,6 +6,7 @@
 //! - [`objects`]: scene, camera, light and method objects;
 //! - [`render`]: preparing and rendering;
 //! - [`kernels`]: the pieces, as functions from arrays to arrays;
+//! - [`single_sample`]: those of single sample soft shadows;
 //! - [`ssoc`]: those of the soft shadow occlusion camera;
 //! - [`wedges`]: those of penumbra wedges.
 
@@ -13,6 +14,7 @@ mod arrays;
 mod kernels;
 mod objects;
 mod render;
+mod single_sample;
 mod ssoc;
 mod wedges;
 

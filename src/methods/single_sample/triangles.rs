@@ -1,0 +1,418 @@
+//! Sixteen shadow rays against triangles: which are blocked, and how far the others pass from them.
+//!
+//! Blocked is what [`crate::bvh::packet`] calls blocked, decided by the same function. For the distances the
+//! vertices, sheared as that test shears them, are turned into places on the light, which takes six more
+//! products a vertex: the place of what lies on the ray is zero, so only the two sheared coordinates
+//! matter.
+
+use glam::Vec3;
+
+use super::view::View;
+use crate::bvh::TriangleBvh;
+use crate::bvh::grown::{Leaves, traverse};
+use crate::bvh::packet::{Packet, Rays, Stack, longest_axes, prepare, shear, triangle};
+use crate::sampling::POINT_OFFSET;
+use crate::simd::{LANES, Lanes, Level, Row, dispatch};
+
+/// What rises above the plane that shadow rays start from by no more than this is the receiver's own
+/// surface: in `f32`, a height is off by up to ten ulps of the local size, and rays start four above it.
+const OWN_SURFACE: f32 = 4.0 * POINT_OFFSET as f32;
+
+/// Views of sixteen receivers.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Views {
+    pub(super) packet: Packet,
+    pub(super) list: [View; LANES],
+    x: [Row; 3],
+    y: [Row; 3],
+    w: [Row; 3],
+    normal: [Row; 3],
+    /// `n · p` of the rays' ends.
+    rise: Row,
+    /// Heights up to which triangles are not looked at.
+    floor: Row,
+    pub(super) spread: [Row; 3],
+    soft: u16,
+    low: u16,
+}
+
+impl Views {
+    /// Sets one view.
+    pub(super) fn set(&mut self, lane: usize, view: &View) {
+        self.packet.set(lane, view.origin, view.target);
+        self.list[lane] = *view;
+        for k in 0..3 {
+            self.x[k].0[lane] = view.x[k] as f32;
+            self.y[k].0[lane] = view.y[k] as f32;
+            self.w[k].0[lane] = view.w[k] as f32;
+            self.normal[k].0[lane] = view.normal[k] as f32;
+            self.spread[k].0[lane] = view.spread[k] as f32;
+        }
+        self.rise.0[lane] = view.normal.dot(view.ray) as f32;
+        let tangent = view.normal != glam::DVec3::ZERO;
+        self.floor.0[lane] = if tangent {
+            OWN_SURFACE * view.origin.abs().max_element().max(1.0)
+        } else {
+            f32::NEG_INFINITY
+        };
+        let bit = 1 << lane;
+        let put = |mask: u16, on: bool| if on { mask | bit } else { mask & !bit };
+        self.soft = put(self.soft, view.soft);
+        self.low = put(self.low, view.low);
+    }
+}
+
+/// Something near a ray: its number and its distance.
+pub(super) type Part = (u32, f32);
+
+/// The nearest of everything, or of each part.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Found {
+    /// Smallest distance so far, at most 1; stays 1 if parts are kept.
+    limit: Row,
+    changed: bool,
+    /// Whether parts are kept.
+    keep: bool,
+    parts: [Vec<Part>; LANES],
+    nearest: [Part; LANES],
+}
+
+impl Found {
+    /// Starts anew.
+    pub(super) fn clear(&mut self, keep: bool) {
+        self.keep = keep;
+        self.limit = Row([1.0; LANES]);
+        self.changed = true;
+        self.parts.iter_mut().for_each(Vec::clear);
+    }
+
+    /// What a ray passes: each part, or the nearest distance alone.
+    pub(super) fn near(&mut self, lane: usize) -> &mut [Part] {
+        if self.keep {
+            return &mut self.parts[lane];
+        }
+        self.nearest[lane] = (0, self.limit.0[lane]);
+        std::slice::from_mut(&mut self.nearest[lane])
+    }
+
+    /// Takes note of a distance.
+    pub(super) fn add(&mut self, lane: usize, part: u32, distance: f32) {
+        if distance >= self.limit.0[lane] {
+            return;
+        }
+        if !self.keep {
+            self.limit.0[lane] = distance;
+            self.changed = true;
+            return;
+        }
+        // The part that was just there is likely to be there again.
+        match self.parts[lane].iter_mut().rev().find(|p| p.0 == part) {
+            Some(known) => known.1 = known.1.min(distance),
+            None => self.parts[lane].push((part, distance)),
+        }
+    }
+
+    /// Lets the next traversal start with cones as narrow as the limits.
+    pub(super) fn restart(&mut self) {
+        self.changed = true;
+    }
+
+    /// The limits.
+    pub(super) fn limit(&self) -> &Row {
+        &self.limit
+    }
+
+    /// The limits, if they are lower than at the last call.
+    pub(super) fn narrowed(&mut self) -> Option<&Row> {
+        let changed = std::mem::take(&mut self.changed);
+        changed.then_some(&self.limit)
+    }
+}
+
+/// Which of the rays in `active` triangles block; the distances of the others go into `found`, under the
+/// number that `parts` gives the triangle.
+pub(super) fn search(
+    level: Level,
+    bvh: &TriangleBvh,
+    parts: Option<&[u32]>,
+    views: &Views,
+    active: u16,
+    found: &mut Found,
+    stack: &mut Stack,
+) -> u16 {
+    dispatch!(level => all_axes(
+        bvh: &TriangleBvh,
+        parts: Option<&[u32]>,
+        views: &Views,
+        active: u16,
+        found: &mut Found,
+        stack: &mut Stack,
+    ) -> u16)
+}
+
+#[inline(always)]
+unsafe fn all_axes<S: Lanes>(
+    bvh: &TriangleBvh,
+    parts: Option<&[u32]>,
+    views: &Views,
+    active: u16,
+    found: &mut Found,
+    stack: &mut Stack,
+) -> u16 {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let [x, y, z] = longest_axes::<S>(&views.packet).map(|axis| axis & active);
+        let mut blocked = 0;
+        if z != 0 {
+            blocked |= along::<S, 2>(bvh, parts, views, z, found, stack);
+        }
+        if x != 0 {
+            blocked |= along::<S, 0>(bvh, parts, views, x, found, stack);
+        }
+        if y != 0 {
+            blocked |= along::<S, 1>(bvh, parts, views, y, found, stack);
+        }
+        blocked
+    }
+}
+
+#[inline(always)]
+unsafe fn along<S: Lanes, const AXIS: usize>(
+    bvh: &TriangleBvh,
+    parts: Option<&[u32]>,
+    views: &Views,
+    active: u16,
+    found: &mut Found,
+    stack: &mut Stack,
+) -> u16 {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let rays = prepare::<S, AXIS>(&views.packet, active);
+        let [kx, ky, _] = Rays::<S, AXIS>::AXES;
+        let sheared = |rows: &[Row; 3]| [S::load(&rows[kx]), S::load(&rows[ky])];
+        let one = S::splat(1.0);
+        found.restart();
+        let mut leaves = Triangles {
+            bvh,
+            parts,
+            views,
+            x: sheared(&views.x),
+            y: sheared(&views.y),
+            w: sheared(&views.w),
+            normal: sheared(&views.normal),
+            rise: S::load(&views.rise),
+            part_of_way: one.div(rays.length),
+            rays,
+            found,
+            blocked: 0,
+        };
+        let packet = &views.packet;
+        traverse::<S, _>(&bvh.tree, packet, &views.spread, &mut leaves, active, stack);
+        leaves.blocked
+    }
+}
+
+/// The triangles of leaves against sixteen rays with the same longest axis.
+struct Triangles<'a, S, const AXIS: usize> {
+    bvh: &'a TriangleBvh,
+    parts: Option<&'a [u32]>,
+    views: &'a Views,
+    rays: Rays<S, AXIS>,
+    /// The functionals for the two sheared coordinates.
+    x: [S; 2],
+    y: [S; 2],
+    w: [S; 2],
+    normal: [S; 2],
+    rise: S,
+    /// One over the rays' extent along the longest axis.
+    part_of_way: S,
+    found: &'a mut Found,
+    blocked: u16,
+}
+
+/// A vertex on the light.
+#[derive(Clone, Copy)]
+struct Place<S> {
+    x: S,
+    y: S,
+    w: S,
+    height: S,
+}
+
+impl<S: Lanes, const AXIS: usize> Leaves<S> for Triangles<'_, S, AXIS> {
+    #[inline(always)]
+    unsafe fn visit(&mut self, first: usize, last: usize, mut active: u16) -> u16 {
+        for k in first..last {
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe {
+                let corners = &self.bvh.corners[k];
+                let hit = triangle(corners, &self.views.packet, &self.rays, active);
+                self.blocked |= hit;
+                active &= !hit;
+                if active == 0 {
+                    return 0;
+                }
+                if active & self.views.soft != 0 {
+                    self.measure(k, active & self.views.soft);
+                }
+            }
+        }
+        active
+    }
+
+    fn narrowed(&mut self) -> Option<&Row> {
+        self.found.narrowed()
+    }
+}
+
+impl<S: Lanes, const AXIS: usize> Triangles<'_, S, AXIS> {
+    #[inline(always)]
+    unsafe fn place(&self, v: &Vec3) -> Place<S> {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let (x, y, z) = shear(&self.rays, v);
+            let z = z.mul(self.part_of_way);
+            let of = |f: [S; 2]| x.mul(f[0]).add(y.mul(f[1]));
+            Place {
+                x: of(self.x),
+                y: of(self.y),
+                w: of(self.w).add(z),
+                height: of(self.normal).add(z.mul(self.rise)),
+            }
+        }
+    }
+
+    /// Finds the distances of triangle `k` from the rays in `active`, which it does not block.
+    #[inline(always)]
+    unsafe fn measure(&mut self, k: usize, active: u16) {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let corners = &self.bvh.corners[k];
+            let [a, b, c] = [
+                self.place(&corners[0]),
+                self.place(&corners[1]),
+                self.place(&corners[2]),
+            ];
+            let zero = S::splat(0.0);
+            let limit = S::load(&self.found.limit);
+            // Beyond one side of the pyramid around the limit, behind, or the receiver's own surface.
+            let [aw, bw, cw] = [a.w.mul(limit), b.w.mul(limit), c.w.mul(limit)];
+            let mut near = active
+                & !zero.lt(a.x.sub(aw).min(b.x.sub(bw)).min(c.x.sub(cw)))
+                & !a.x.add(aw).max(b.x.add(bw)).max(c.x.add(cw)).lt(zero);
+            near &= !zero.lt(a.y.sub(aw).min(b.y.sub(bw)).min(c.y.sub(cw)))
+                & !a.y.add(aw).max(b.y.add(bw)).max(c.y.add(cw)).lt(zero);
+            if near == 0 {
+                return;
+            }
+            let highest = a.height.max(b.height).max(c.height);
+            near &= zero.lt(a.w.max(b.w).max(c.w)) & !highest.le(S::load(&self.views.floor));
+            if near == 0 || has_no_area(corners) {
+                return;
+            }
+            let one = S::splat(1.0);
+            let least = a.w.min(b.w).min(c.w);
+            let whole = zero.lt(least) & a.w.max(b.w).max(c.w).le(one) & !self.views.low;
+            let mut clipped = near & !whole;
+            while clipped != 0 {
+                let lane = clipped.trailing_zeros() as usize;
+                clipped &= clipped - 1;
+                let limit = f64::from(self.found.limit.0[lane]);
+                let tau = self.views.list[lane].triangle(corners, limit);
+                self.found.add(lane, self.part(k), tau as f32);
+            }
+            let whole = near & whole;
+            if whole != 0 {
+                let place = |p: Place<S>| {
+                    let inverse = one.div(p.w);
+                    [p.x.mul(inverse), p.y.mul(inverse)]
+                };
+                let tau = if self.views.list[0].rect {
+                    distance::<S, true>([place(a), place(b), place(c)])
+                } else {
+                    distance::<S, false>([place(a), place(b), place(c)])
+                };
+                self.note(k, tau, whole);
+            }
+        }
+    }
+
+    /// Takes note of the distances of triangle `k`.
+    #[inline(always)]
+    unsafe fn note(&mut self, k: usize, tau: S, lanes: u16) {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let limit = S::load(&self.found.limit);
+            let mut nearer = tau.lt(limit) & lanes;
+            if nearer == 0 {
+                return;
+            }
+            if !self.found.keep {
+                tau.select(nearer, limit).store(&mut self.found.limit);
+                self.found.changed = true;
+                return;
+            }
+            let mut row = Row::default();
+            tau.store(&mut row);
+            while nearer != 0 {
+                let lane = nearer.trailing_zeros() as usize;
+                nearer &= nearer - 1;
+                self.found.add(lane, self.part(k), row.0[lane]);
+            }
+        }
+    }
+
+    fn part(&self, k: usize) -> u32 {
+        self.parts.map_or(0, |parts| parts[k])
+    }
+}
+
+/// A triangle without area hides nothing, so it has no outer object either.
+fn has_no_area([a, b, c]: &[Vec3; 3]) -> bool {
+    let a = a.as_dvec3();
+    (b.as_dvec3() - a).cross(c.as_dvec3() - a) == glam::DVec3::ZERO
+}
+
+/// Distances of triangles from the origin, which is not inside.
+#[inline(always)]
+unsafe fn distance<S: Lanes, const RECT: bool>(places: [[S; 2]; 3]) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let [a, b, c] = places;
+        let least = from_segment::<S, RECT>(a, b)
+            .min(from_segment::<S, RECT>(b, c))
+            .min(from_segment::<S, RECT>(c, a));
+        if RECT { least } else { least.sqrt() }
+    }
+}
+
+/// Distance of a segment from the origin: the larger of the two coordinates, or else their squares' sum.
+#[inline(always)]
+unsafe fn from_segment<S: Lanes, const RECT: bool>([ax, ay]: [S; 2], [bx, by]: [S; 2]) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let tiny = S::splat(f32::MIN_POSITIVE);
+        let (ex, ey) = (bx.sub(ax), by.sub(ay));
+        let square = ex.mul(ex).add(ey.mul(ey)).max(tiny);
+        // From the nearest place of the line, which moving along only leaves.
+        let along = if RECT {
+            let offset = ey.mul(ax).sub(ex.mul(ay));
+            let offset = offset.div(ex.abs().add(ey.abs()).max(tiny));
+            let minus = zero.sub(offset);
+            let px = offset.select(zero.le(ey), minus);
+            let py = minus.select(zero.le(ex), offset);
+            px.sub(ax).mul(ex).add(py.sub(ay).mul(ey))
+        } else {
+            zero.sub(ax.mul(ex).add(ay.mul(ey)))
+        };
+        let t = along.div(square).max(zero).min(one);
+        let (x, y) = (ax.add(t.mul(ex)), ay.add(t.mul(ey)));
+        if RECT {
+            x.abs().max(y.abs())
+        } else {
+            x.mul(x).add(y.mul(y))
+        }
+    }
+}
+
