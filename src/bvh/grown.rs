@@ -82,9 +82,7 @@ unsafe fn enter<S: Lanes>(node: &Node, cones: &Cones<S>) -> u16 {
     unsafe {
         let (mut near, mut far) = (S::splat(0.0), S::splat(1.0));
         for k in 0..3 {
-            let a = S::splat(node.min[k])
-                .sub(cones.high[k])
-                .mul(cones.upper[k]);
+            let a = S::splat(node.min[k]).sub(cones.high[k]).mul(cones.upper[k]);
             let b = S::splat(node.max[k]).sub(cones.low[k]).mul(cones.lower[k]);
             near = near
                 .max(a.min(cones.upper_starts[k]))
@@ -155,10 +153,16 @@ pub(crate) unsafe fn traverse<S: Lanes, L: Leaves<S>>(
                     continue;
                 }
             }
-            match stack.pop() {
-                Some(next) => current = next,
-                None => return,
-            }
+            // Cones may have become narrower since a node was put there.
+            current = loop {
+                match stack.pop() {
+                    Some(next) if enter(&nodes[next as usize], &around) & active != 0 => {
+                        break next;
+                    }
+                    Some(_) => {}
+                    None => return,
+                }
+            };
         }
     }
 }

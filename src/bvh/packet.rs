@@ -241,7 +241,10 @@ pub(super) fn box_slack(packet: &Packet, active: u16) -> f32 {
 }
 
 #[inline(always)]
-pub(crate) unsafe fn prepare<S: Lanes, const AXIS: usize>(packet: &Packet, active: u16) -> Rays<S, AXIS> {
+pub(crate) unsafe fn prepare<S: Lanes, const AXIS: usize>(
+    packet: &Packet,
+    active: u16,
+) -> Rays<S, AXIS> {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let axes = Rays::<S, AXIS>::AXES;

@@ -88,7 +88,12 @@ impl View {
         };
         for (out, &c) in polygon.corners.iter_mut().zip(corners) {
             let p = c.as_dvec3() - o;
-            *out = DVec4::new(self.x.dot(p), self.y.dot(p), self.w.dot(p), self.normal.dot(p));
+            *out = DVec4::new(
+                self.x.dot(p),
+                self.y.dot(p),
+                self.w.dot(p),
+                self.normal.dot(p),
+            );
         }
         let cone = [
             DVec4::new(1.0, 0.0, limit, 0.0),

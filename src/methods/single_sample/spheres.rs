@@ -222,4 +222,3 @@ impl View {
         (b + root.max(0.0).sqrt()) / a
     }
 }
-

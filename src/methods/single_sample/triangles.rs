@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 
-use super::view::View;
+use super::view::{STRIP, View};
 use crate::bvh::TriangleBvh;
 use crate::bvh::grown::{Leaves, traverse};
 use crate::bvh::packet::{Packet, Rays, Stack, longest_axes, prepare, shear, triangle};
@@ -31,6 +31,8 @@ pub(super) struct Views {
     rise: Row,
     /// Heights up to which triangles are not looked at.
     floor: Row,
+    /// Heights of the strip over the tangent plane at the light.
+    strip: Row,
     pub(super) spread: [Row; 3],
     soft: u16,
     low: u16,
@@ -49,6 +51,12 @@ impl Views {
             self.spread[k].0[lane] = view.spread[k] as f32;
         }
         self.rise.0[lane] = view.normal.dot(view.ray) as f32;
+        // Everything is above a strip far down.
+        self.strip.0[lane] = if view.low {
+            (STRIP * view.width) as f32
+        } else {
+            -1e30
+        };
         let tangent = view.normal != glam::DVec3::ZERO;
         self.floor.0[lane] = if tangent {
             OWN_SURFACE * view.origin.abs().max_element().max(1.0)
@@ -311,9 +319,8 @@ impl<S: Lanes, const AXIS: usize> Triangles<'_, S, AXIS> {
                 return;
             }
             let one = S::splat(1.0);
-            let least = a.w.min(b.w).min(c.w);
-            let whole = zero.lt(least) & a.w.max(b.w).max(c.w).le(one) & !self.views.low;
-            let mut clipped = near & !whole;
+            let between = zero.lt(a.w.min(b.w).min(c.w)) & a.w.max(b.w).max(c.w).le(one);
+            let mut clipped = near & !between;
             while clipped != 0 {
                 let lane = clipped.trailing_zeros() as usize;
                 clipped &= clipped - 1;
@@ -321,16 +328,14 @@ impl<S: Lanes, const AXIS: usize> Triangles<'_, S, AXIS> {
                 let tau = self.views.list[lane].triangle(corners, limit);
                 self.found.add(lane, self.part(k), tau as f32);
             }
-            let whole = near & whole;
+            let whole = near & between;
             if whole != 0 {
-                let place = |p: Place<S>| {
-                    let inverse = one.div(p.w);
-                    [p.x.mul(inverse), p.y.mul(inverse)]
-                };
+                let strip = S::load(&self.views.strip);
+                let low = whole & self.views.low != 0;
                 let tau = if self.views.list[0].rect {
-                    distance::<S, true>([place(a), place(b), place(c)])
+                    distance::<S, true>([a, b, c], low.then_some(strip))
                 } else {
-                    distance::<S, false>([place(a), place(b), place(c)])
+                    distance::<S, false>([a, b, c], low.then_some(strip))
                 };
                 self.note(k, tau, whole);
             }
@@ -373,15 +378,87 @@ fn has_no_area([a, b, c]: &[Vec3; 3]) -> bool {
     (b.as_dvec3() - a).cross(c.as_dvec3() - a) == glam::DVec3::ZERO
 }
 
-/// Distances of triangles from the origin, which is not inside.
+/// Distances of triangles from the rays, which pass them; of their parts above the strip, if there is one.
 #[inline(always)]
-unsafe fn distance<S: Lanes, const RECT: bool>(places: [[S; 2]; 3]) -> S {
+unsafe fn distance<S: Lanes, const RECT: bool>(vertices: [Place<S>; 3], strip: Option<S>) -> S {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
+        let one = S::splat(1.0);
+        let zero = S::splat(0.0);
+        let (mut places, mut heights) = ([[zero; 2]; 3], [zero; 3]);
+        for (i, v) in vertices.iter().enumerate() {
+            let inverse = one.div(v.w);
+            places[i] = [v.x.mul(inverse), v.y.mul(inverse)];
+            heights[i] = v.height.mul(inverse);
+        }
         let [a, b, c] = places;
-        let least = from_segment::<S, RECT>(a, b)
-            .min(from_segment::<S, RECT>(b, c))
-            .min(from_segment::<S, RECT>(c, a));
+        let Some(strip) = strip else {
+            let least = from_segment::<S, RECT>(a, b)
+                .min(from_segment::<S, RECT>(b, c))
+                .min(from_segment::<S, RECT>(c, a));
+            return if RECT { least } else { least.sqrt() };
+        };
+        let rises = [
+            heights[0].sub(strip),
+            heights[1].sub(strip),
+            heights[2].sub(strip),
+        ];
+        let above = above::<S, RECT>(places, rises);
+        // What is all in the strip: its highest corner.
+        let second = heights[0].lt(heights[1]);
+        let height = heights[1].max(heights[0]);
+        let third = height.lt(heights[2]);
+        let height = heights[2].max(height);
+        let pick = |k: usize| c[k].select(third, b[k].select(second, a[k]));
+        let top = [pick(0), pick(1)];
+        let tau = from_segment::<S, RECT>(top, top);
+        let tau = if RECT { tau } else { tau.sqrt() };
+        let part = height.div(strip).max(zero).min(one);
+        let counts = part
+            .mul(part)
+            .mul(S::splat(3.0).sub(S::splat(2.0).mul(part)));
+        let faded = tau.add(one.sub(tau).max(zero).mul(one.sub(counts)));
+        above.select(strip.le(height), faded)
+    }
+}
+
+/// Distances of the parts of triangles where `rises`, given at their corners, is not negative.
+#[inline(always)]
+unsafe fn above<S: Lanes, const RECT: bool>(places: [[S; 2]; 3], rises: [S; 3]) -> S {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let zero = S::splat(0.0);
+        let none = S::splat(f32::INFINITY);
+        let is_above = [zero.le(rises[0]), zero.le(rises[1]), zero.le(rises[2])];
+        let (mut cuts, mut is_cut) = ([[zero; 2]; 3], [0; 3]);
+        let mut least = none;
+        for i in 0..3 {
+            let j = (i + 1) % 3;
+            let t = rises[i].div(rises[i].sub(rises[j]));
+            is_cut[i] = is_above[i] ^ is_above[j];
+            let (mut from, mut to) = (places[i], places[j]);
+            for k in 0..2 {
+                let along = places[j][k].sub(places[i][k]);
+                cuts[i][k] = places[i][k].add(t.mul(along));
+                from[k] = from[k].select(is_above[i], cuts[i][k]);
+                to[k] = to[k].select(is_above[j], cuts[i][k]);
+            }
+            let found = from_segment::<S, RECT>(from, to);
+            least = found.select(is_above[i] | is_above[j], none).min(least);
+        }
+        // The side that the cut makes: two of the three sides are cut, or none.
+        let [ab, bc, ca] = cuts;
+        let from = [
+            ab[0].select(is_cut[0], bc[0]),
+            ab[1].select(is_cut[0], bc[1]),
+        ];
+        let to = [
+            ca[0].select(is_cut[2], bc[0]),
+            ca[1].select(is_cut[2], bc[1]),
+        ];
+        let found = from_segment::<S, RECT>(from, to);
+        let any = is_cut[0] | is_cut[1] | is_cut[2];
+        least = found.select(any, none).min(least);
         if RECT { least } else { least.sqrt() }
     }
 }
@@ -415,4 +492,3 @@ unsafe fn from_segment<S: Lanes, const RECT: bool>([ax, ay]: [S; 2], [bx, by]: [
         }
     }
 }
-
