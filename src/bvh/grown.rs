@@ -7,6 +7,8 @@
 //! boxes are widened by the same slack, so that a traversal here visits what that one visits. A visitor
 //! may narrow the cones as it finds what it looks for.
 
+use glam::Vec3;
+
 use super::packet::{Packet, SLAB_SLACK, Stack, TINY, along, box_slack};
 use super::tree::{Node, Tree};
 use crate::simd::{Lanes, Row};
@@ -95,6 +97,15 @@ unsafe fn enter<S: Lanes>(node: &Node, cones: &Cones<S>) -> u16 {
     }
 }
 
+/// How far a box's middle lies off a segment, squared, over how far along it.
+fn off_axis(node: &Node, from: Vec3, to: Vec3) -> f32 {
+    let d = to - from;
+    let c = 0.5 * (Vec3::from(node.min) + Vec3::from(node.max)) - from;
+    let along = c.dot(d);
+    let square = c.length_squared() * d.length_squared() / (along * along);
+    if along > 0.0 { square } else { f32::INFINITY }
+}
+
 /// Shows `leaves` what the cones of the segments in `active` enter, nearer children first.
 #[inline(always)]
 pub(crate) unsafe fn traverse<S: Lanes, L: Leaves<S>>(
@@ -140,8 +151,18 @@ pub(crate) unsafe fn traverse<S: Lanes, L: Leaves<S>>(
                 let in_left = enter(&nodes[left as usize], &around) & active;
                 let in_right = enter(&nodes[right as usize], &around) & active;
                 if in_left != 0 || in_right != 0 {
-                    // The child that more segments enter first: it is more likely to end them all.
-                    let (near, far, both) = if in_left.count_ones() >= in_right.count_ones() {
+                    // The child that more segments enter first, or that lies closer around one of them: it is
+                    // more likely to end them all or to narrow their cones.
+                    let (l, r) = (in_left.count_ones(), in_right.count_ones());
+                    let left_first = if l == r {
+                        let lane = active.trailing_zeros() as usize;
+                        let (from, to) = (packet.origin(lane), packet.target(lane));
+                        let off = |child: u32| off_axis(&nodes[child as usize], from, to);
+                        off(left) <= off(right)
+                    } else {
+                        l > r
+                    };
+                    let (near, far, both) = if left_first {
                         (left, right, in_right != 0)
                     } else {
                         (right, left, in_left != 0)
