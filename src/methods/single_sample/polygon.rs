@@ -7,7 +7,7 @@ use glam::{DVec4, Vec3};
 
 use super::view::{STRIP, View};
 
-/// A triangle cut by six planes has at most nine corners.
+/// A triangle cut by seven planes has at most ten corners.
 const MOST: usize = 10;
 
 /// A convex polygon of homogeneous places `(X, Y, W, n · p)`.
@@ -105,6 +105,7 @@ impl View {
             polygon = polygon.cut(side, 0.0);
         }
         polygon = polygon.cut(DVec4::new(0.0, 0.0, -1.0, 0.0), 1.0);
+        polygon = polygon.cut(DVec4::new(0.0, 0.0, 1.0, 0.0), -self.nearest);
         if polygon.count == 0 || !self.low {
             return polygon.distance(self);
         }

@@ -33,6 +33,8 @@ pub(super) struct Views {
     floor: Row,
     /// Heights of the strip over the tangent plane at the light.
     strip: Row,
+    /// Least `W` of what is looked at.
+    nearest: Row,
     pub(super) spread: [Row; 3],
     soft: u16,
     low: u16,
@@ -57,6 +59,7 @@ impl Views {
         } else {
             -1e30
         };
+        self.nearest.0[lane] = view.nearest as f32;
         let tangent = view.normal != glam::DVec3::ZERO;
         self.floor.0[lane] = if tangent {
             OWN_SURFACE * view.origin.abs().max_element().max(1.0)
@@ -319,7 +322,8 @@ impl<S: Lanes, const AXIS: usize> Triangles<'_, S, AXIS> {
                 return;
             }
             let one = S::splat(1.0);
-            let between = zero.lt(a.w.min(b.w).min(c.w)) & a.w.max(b.w).max(c.w).le(one);
+            let between = S::load(&self.views.nearest).lt(a.w.min(b.w).min(c.w))
+                & a.w.max(b.w).max(c.w).le(one);
             let mut clipped = near & !between;
             while clipped != 0 {
                 let lane = clipped.trailing_zeros() as usize;

@@ -14,6 +14,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::light::{Light, Shape};
+use crate::sampling::POINT_OFFSET;
 
 /// Height over the tangent plane, in widths of the light, up to which it is left to `h` what hides the
 /// light. What rises less can hide no more than such a strip of the light (8 % of a disk at the middle,
@@ -21,6 +22,10 @@ use crate::light::{Light, Shape};
 /// darken it under a low light. It also has to be above what `f32` coordinates make of a flat floor of small
 /// triangles: 1e-4 of a light that is a hundredth of its distance away.
 pub(super) const STRIP: f64 = 1.0 / 16.0;
+
+/// What is nearer to a receiver than this, times its largest coordinate or 1, is not looked at: `f32`
+/// coordinates leave its direction uncertain by a sixteenth or more.
+const NEAREST: f64 = 16.0 * POINT_OFFSET;
 
 /// A light's shape, ready for views.
 #[derive(Debug, Clone, Copy)]
@@ -93,6 +98,8 @@ pub(super) struct View {
     pub(super) x: DVec3,
     pub(super) y: DVec3,
     pub(super) w: DVec3,
+    /// Least `W` of what is looked at.
+    pub(super) nearest: f64,
     /// The receiver's normal, zero without a tangent plane.
     pub(super) normal: DVec3,
     /// Height of a light's width along the normal.
@@ -165,6 +172,7 @@ impl View {
         l = view.target.as_dvec3() - o;
         view.ray = l;
         view.w = plane / plane.dot(l);
+        view.nearest = NEAREST * o.abs().max_element().max(1.0) / l.length();
         let place = |dual: DVec3| dual - dual.dot(l) * view.w;
         (view.x, view.y) = match outline.kind {
             Kind::Rect(_, [u, v], _) => (place(u), place(v)),
