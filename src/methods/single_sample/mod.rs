@@ -54,6 +54,8 @@
 
 mod polygon;
 mod spheres;
+#[cfg(test)]
+mod tests;
 mod triangles;
 mod view;
 
