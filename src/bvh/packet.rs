@@ -56,6 +56,16 @@ impl Packet {
         }
     }
 
+    /// Starts of all segments.
+    pub(crate) fn origins(&self) -> &[Row; 3] {
+        &self.origin
+    }
+
+    /// Ends of all segments.
+    pub(crate) fn targets(&self) -> &[Row; 3] {
+        &self.target
+    }
+
     /// Start of a segment.
     pub fn origin(&self, lane: usize) -> Vec3 {
         Vec3::from_array(std::array::from_fn(|k| self.origin[k].0[lane]))

@@ -40,7 +40,7 @@
 //! [`super::hard`] are. Triangles and spheres that do not rise over the plane through that start do not
 //! count, so a surface has no outer object to itself, and its neighbours only where they stand up from it.
 //! Where the light is within its own width of the horizon, occluders are cut at a height of a sixteenth of the
-//! light ([`view::STRIP`]) over the tangent plane and fade in below it, and the sample is
+//! light (`STRIP` in [`view`]) over the tangent plane and fade in below it, and the sample is
 //! the centre or, if that is lower, the nearest place at that height. So what is beside the horizon
 //! comes and goes smoothly, `min(s, h)` tends to `h` at terminators, and visibility does not jump where
 //! the light's centre sets.
@@ -52,6 +52,8 @@
 //! cut there. Where an object passes through the light's plane beside the light its shadow ends at once,
 //! as it does in nature.
 
+mod found;
+mod lanes;
 mod polygon;
 mod spheres;
 #[cfg(test)]
@@ -78,8 +80,9 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
 use crate::simd::{LANES, detect};
-use triangles::{Found, Part, Views};
-use view::{Outline, View};
+use found::{Found, Part};
+use lanes::Views;
+use view::Outline;
 
 /// How the shadows of different objects combine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -254,13 +257,14 @@ impl PreparedSingleSample {
             stack,
             ..
         } = scratch;
-        for (lane, &(i, _)) in lanes.iter().enumerate() {
-            let view = View::new(outline, receivers.ray_origin(i), receivers.normals[i]);
-            views.set(lane, &view);
-        }
-        found.clear(self.method.overlap != Overlap::Minimum);
         let active = u16::MAX >> (LANES - lanes.len());
         let level = detect();
+        views.clear(outline);
+        for (lane, &(i, _)) in lanes.iter().enumerate() {
+            views.set(lane, receivers.ray_origin(i), receivers.normals[i]);
+        }
+        views.look(level, active);
+        found.clear(self.method.overlap != Overlap::Minimum);
         let mut blocked = 0;
         let trees = [
             Some(&occluders.opaque),
@@ -273,8 +277,7 @@ impl PreparedSingleSample {
             blocked |= triangles::search(level, bvh, parts.as_deref(), views, open, found, stack);
         }
         if let Some(bvh) = &occluders.spheres {
-            let (open, reach) = (active & !blocked, outline.reach as f32);
-            blocked |= spheres::search(level, bvh, views, reach, open, found, stack);
+            blocked |= spheres::search(level, bvh, views, active & !blocked, found, stack);
         }
         blocked
     }

@@ -11,7 +11,8 @@
 
 use glam::DVec3;
 
-use super::triangles::{Found, Views};
+use super::found::Found;
+use super::lanes::Views;
 use super::view::View;
 use crate::bvh::SphereBvh;
 use crate::bvh::crossing::sphere_crossings;
@@ -32,7 +33,6 @@ pub(super) fn search(
     level: Level,
     bvh: &SphereBvh,
     views: &Views,
-    reach: f32,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
@@ -40,7 +40,6 @@ pub(super) fn search(
     dispatch!(level => all(
         bvh: &SphereBvh,
         views: &Views,
-        reach: f32,
         active: u16,
         found: &mut Found,
         stack: &mut Stack,
@@ -51,35 +50,33 @@ pub(super) fn search(
 unsafe fn all<S: Lanes>(
     bvh: &SphereBvh,
     views: &Views,
-    reach: f32,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
 ) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
-        let (mut rays, mut square) = ([Row::default(); 3], Row::default());
-        let mut origin = [Row::default(); 3];
-        for (lane, view) in views.list.iter().enumerate() {
-            for k in 0..3 {
-                rays[k].0[lane] = view.ray[k] as f32;
-                origin[k].0[lane] = view.origin[k];
-            }
-            square.0[lane] = view.ray.length_squared() as f32;
-        }
+        let packet = &views.packet;
         let load = |rows: &[Row; 3]| [S::load(&rows[0]), S::load(&rows[1]), S::load(&rows[2])];
+        let (origin, mut ray) = (load(packet.origins()), load(packet.targets()));
+        for k in 0..3 {
+            ray[k] = ray[k].sub(origin[k]);
+        }
+        let square = ray[0]
+            .mul(ray[0])
+            .add(ray[1].mul(ray[1]))
+            .add(ray[2].mul(ray[2]));
         let mut leaves = Spheres {
             bvh,
             views,
-            origin: load(&origin),
-            ray: load(&rays),
-            inverse: S::splat(1.0).div(S::load(&square).max(S::splat(f32::MIN_POSITIVE))),
-            reach,
+            origin,
+            ray,
+            inverse: S::splat(1.0).div(square.max(S::splat(f32::MIN_POSITIVE))),
+            reach: views.reach(),
             found,
             blocked: 0,
         };
         leaves.found.restart();
-        let packet = &views.packet;
         traverse::<S, _>(&bvh.tree, packet, &views.spread, &mut leaves, active, stack);
         leaves.blocked
     }
@@ -108,15 +105,19 @@ impl<S: Lanes> Leaves<S> for Spheres<'_, S> {
             while near != 0 {
                 let lane = near.trailing_zeros() as usize;
                 near &= near - 1;
-                let view = &self.views.list[lane];
-                let (from, to) = (view.origin.as_dvec3(), view.target.as_dvec3());
+                let packet = &self.views.packet;
+                let (from, to) = (
+                    packet.origin(lane).as_dvec3(),
+                    packet.target(lane).as_dvec3(),
+                );
                 if sphere_crossings(sphere, from, to) > 0 {
                     self.blocked |= 1 << lane;
                     active &= !(1 << lane);
                     if active == 0 {
                         return 0;
                     }
-                } else if view.soft {
+                } else if self.views.soft >> lane & 1 == 1 {
+                    let view = self.views.view(lane);
                     let tau = view.sphere(sphere.center - from, sphere.radius);
                     self.found.add(lane, SPHERE | k as u32, tau as f32);
                 }

@@ -2,7 +2,9 @@
 
 use glam::DVec3;
 
-use super::triangles::{Found, Views, search};
+use super::found::Found;
+use super::lanes::Views;
+use super::triangles::search;
 use super::view::{Outline, View};
 use crate::bvh::packet::{self, Stack};
 use crate::light::Light;
@@ -59,6 +61,7 @@ fn soup(random: &mut Random, count: usize, size: f64) -> Scene {
 fn views(random: &mut Random, light: &Light) -> Views {
     let outline = Outline::new(light, light.center().as_vec3());
     let mut views = Views::default();
+    views.clear(&outline);
     for lane in 0..LANES {
         let mut n = random.point().normalize();
         if lane % 3 == 0 {
@@ -69,8 +72,9 @@ fn views(random: &mut Random, light: &Light) -> Views {
             n = (n - l * (n.dot(l) / l.length_squared())).normalize();
         }
         let origin = (0.5 * random.point()).as_vec3();
-        views.set(lane, &View::new(&outline, origin, n));
+        views.set(lane, origin, n);
     }
+    views.look(detect(), u16::MAX);
     views
 }
 
@@ -103,7 +107,7 @@ fn the_tree_finds_what_all_triangles_one_by_one_say() {
             }
             let (blocked, row) = rows[0];
             for lane in (0..LANES).filter(|lane| blocked >> lane & 1 == 0) {
-                let view = &views.list[lane];
+                let view = views.view(lane);
                 let all = bvh.corners.iter().map(|c| view.triangle(c, 1.0));
                 let expected = all.fold(1.0, f64::min);
                 // Places are off by a few ulps of the distance, in lights of a tenth of it and
@@ -200,7 +204,7 @@ fn parts_keep_their_own_nearest() {
         several += usize::from(near.len() > 1);
         for part in 0..7 {
             let of = parts.iter().zip(&bvh.corners).filter(|(p, _)| **p == part);
-            let all = of.map(|(_, c)| views.list[lane].triangle(c, 1.0));
+            let all = of.map(|(_, c)| views.view(lane).triangle(c, 1.0));
             let expected = all.fold(1.0, f64::min);
             let known = near.iter().find(|p| p.0 == part).map_or(1.0, |p| p.1);
             assert!((f64::from(known) - expected).abs() < 1e-4, "{lane} {part}");

@@ -7,138 +7,12 @@
 
 use glam::Vec3;
 
-use super::view::{STRIP, View};
+use super::found::Found;
+use super::lanes::Views;
 use crate::bvh::TriangleBvh;
 use crate::bvh::grown::{Leaves, traverse};
-use crate::bvh::packet::{Packet, Rays, Stack, longest_axes, prepare, shear, triangle};
-use crate::sampling::POINT_OFFSET;
-use crate::simd::{LANES, Lanes, Level, Row, dispatch};
-
-/// What rises above the plane that shadow rays start from by no more than this is the receiver's own
-/// surface: in `f32`, a height is off by up to ten ulps of the local size, and rays start four above it.
-const OWN_SURFACE: f32 = 4.0 * POINT_OFFSET as f32;
-
-/// Views of sixteen receivers.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Views {
-    pub(super) packet: Packet,
-    pub(super) list: [View; LANES],
-    x: [Row; 3],
-    y: [Row; 3],
-    w: [Row; 3],
-    normal: [Row; 3],
-    /// `n · p` of the rays' ends.
-    rise: Row,
-    /// Heights up to which triangles are not looked at.
-    floor: Row,
-    /// Heights of the strip over the tangent plane at the light.
-    strip: Row,
-    /// Least `W` of what is looked at.
-    nearest: Row,
-    pub(super) spread: [Row; 3],
-    soft: u16,
-    low: u16,
-}
-
-impl Views {
-    /// Sets one view.
-    pub(super) fn set(&mut self, lane: usize, view: &View) {
-        self.packet.set(lane, view.origin, view.target);
-        self.list[lane] = *view;
-        for k in 0..3 {
-            self.x[k].0[lane] = view.x[k] as f32;
-            self.y[k].0[lane] = view.y[k] as f32;
-            self.w[k].0[lane] = view.w[k] as f32;
-            self.normal[k].0[lane] = view.normal[k] as f32;
-            self.spread[k].0[lane] = view.spread[k] as f32;
-        }
-        self.rise.0[lane] = view.normal.dot(view.ray) as f32;
-        // Everything is above a strip far down.
-        self.strip.0[lane] = if view.low {
-            (STRIP * view.width) as f32
-        } else {
-            -1e30
-        };
-        self.nearest.0[lane] = view.nearest as f32;
-        let tangent = view.normal != glam::DVec3::ZERO;
-        self.floor.0[lane] = if tangent {
-            OWN_SURFACE * view.origin.abs().max_element().max(1.0)
-        } else {
-            f32::NEG_INFINITY
-        };
-        let bit = 1 << lane;
-        let put = |mask: u16, on: bool| if on { mask | bit } else { mask & !bit };
-        self.soft = put(self.soft, view.soft);
-        self.low = put(self.low, view.low);
-    }
-}
-
-/// Something near a ray: its number and its distance.
-pub(super) type Part = (u32, f32);
-
-/// The nearest of everything, or of each part.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Found {
-    /// Smallest distance so far, at most 1; stays 1 if parts are kept.
-    limit: Row,
-    changed: bool,
-    /// Whether parts are kept.
-    keep: bool,
-    parts: [Vec<Part>; LANES],
-    nearest: [Part; LANES],
-}
-
-impl Found {
-    /// Starts anew.
-    pub(super) fn clear(&mut self, keep: bool) {
-        self.keep = keep;
-        self.limit = Row([1.0; LANES]);
-        self.changed = true;
-        self.parts.iter_mut().for_each(Vec::clear);
-    }
-
-    /// What a ray passes: each part, or the nearest distance alone.
-    pub(super) fn near(&mut self, lane: usize) -> &mut [Part] {
-        if self.keep {
-            return &mut self.parts[lane];
-        }
-        self.nearest[lane] = (0, self.limit.0[lane]);
-        std::slice::from_mut(&mut self.nearest[lane])
-    }
-
-    /// Takes note of a distance.
-    pub(super) fn add(&mut self, lane: usize, part: u32, distance: f32) {
-        if distance >= self.limit.0[lane] {
-            return;
-        }
-        if !self.keep {
-            self.limit.0[lane] = distance;
-            self.changed = true;
-            return;
-        }
-        // The part that was just there is likely to be there again.
-        match self.parts[lane].iter_mut().rev().find(|p| p.0 == part) {
-            Some(known) => known.1 = known.1.min(distance),
-            None => self.parts[lane].push((part, distance)),
-        }
-    }
-
-    /// Lets the next traversal start with cones as narrow as the limits.
-    pub(super) fn restart(&mut self) {
-        self.changed = true;
-    }
-
-    /// The limits.
-    pub(super) fn limit(&self) -> &Row {
-        &self.limit
-    }
-
-    /// The limits, if they are lower than at the last call.
-    pub(super) fn narrowed(&mut self) -> Option<&Row> {
-        let changed = std::mem::take(&mut self.changed);
-        changed.then_some(&self.limit)
-    }
-}
+use crate::bvh::packet::{Rays, Stack, longest_axes, prepare, shear, triangle};
+use crate::simd::{Lanes, Level, Row, dispatch};
 
 /// Which of the rays in `active` triangles block; the distances of the others go into `found`, under the
 /// number that `parts` gives the triangle.
@@ -329,14 +203,14 @@ impl<S: Lanes, const AXIS: usize> Triangles<'_, S, AXIS> {
                 let lane = clipped.trailing_zeros() as usize;
                 clipped &= clipped - 1;
                 let limit = f64::from(self.found.limit.0[lane]);
-                let tau = self.views.list[lane].triangle(corners, limit);
+                let tau = self.views.view(lane).triangle(corners, limit);
                 self.found.add(lane, self.part(k), tau as f32);
             }
             let whole = near & between;
             if whole != 0 {
                 let strip = S::load(&self.views.strip);
                 let low = whole & self.views.low != 0;
-                let tau = if self.views.list[0].rect {
+                let tau = if self.views.rect() {
                     distance::<S, true>([a, b, c], low.then_some(strip))
                 } else {
                     distance::<S, false>([a, b, c], low.then_some(strip))

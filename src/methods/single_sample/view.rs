@@ -24,27 +24,34 @@ use crate::sampling::POINT_OFFSET;
 pub(super) const STRIP: f64 = 1.0 / 16.0;
 
 /// What is nearer to a receiver than this, times its largest coordinate or 1, is not looked at: `f32`
-/// coordinates leave its direction uncertain by a sixteenth or more.
-const NEAREST: f64 = 16.0 * POINT_OFFSET;
+/// coordinates leave its direction uncertain by a hundredth or more.
+pub(super) const NEAREST: f64 = 16.0 * POINT_OFFSET;
 
 /// A light's shape, ready for views.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Outline {
     /// Where shadow rays go.
     target: DVec3,
-    kind: Kind,
+    pub(super) kind: Kind,
     /// Largest distance of a point on the doubled light from its centre.
     pub(super) reach: f64,
 }
 
+/// The shapes.
 #[derive(Debug, Clone, Copy)]
-enum Kind {
+pub(super) enum Kind {
     /// Edges, their dual vectors and the normal away from the lit side.
     Rect([DVec3; 2], [DVec3; 2], DVec3),
     /// Normal away from the lit side, two unit vectors across and the diameter.
     Disk(DVec3, [DVec3; 2], f64),
     /// Diameter.
     Sphere(f64),
+}
+
+impl Default for Kind {
+    fn default() -> Self {
+        Kind::Sphere(0.0)
+    }
 }
 
 impl Outline {
@@ -76,6 +83,11 @@ impl Outline {
                 reach: 2.0 * radius,
             },
         }
+    }
+
+    /// Where shadow rays go.
+    pub(super) fn target(&self) -> Vec3 {
+        self.target.as_vec3()
     }
 
     /// Whether places are measured by the larger of two coordinates, not by their length.
