@@ -39,7 +39,7 @@
 //! Rays start where all methods start them, four ulps above the surface, and are blocked as those of
 //! [`super::hard`] are. Triangles and spheres that do not rise over the plane through that start do not
 //! count, so a surface has no outer object to itself, and its neighbours only where they stand up from it.
-//! Where the light is within its own width of the horizon, occluders are cut at a height of a sixteenth of the
+//! Where the light is within its own width of the horizon, occluders are cut at a height of a quarter of the
 //! light (`STRIP` in [`view`]) over the tangent plane and fade in below it, and the sample is
 //! the centre or, if that is lower, the nearest place at that height. So what is beside the horizon
 //! comes and goes smoothly, `min(s, h)` tends to `h` at terminators, and visibility does not jump where

@@ -17,11 +17,14 @@ use crate::light::{Light, Shape};
 use crate::sampling::POINT_OFFSET;
 
 /// Height over the tangent plane, in widths of the light, up to which it is left to `h` what hides the
-/// light. What rises less can hide no more than such a strip of the light (8 % of a disk at the middle,
-/// 2.6 % at the rim), but would, like all small things, count fully here: the facets of a round floor would
-/// darken it under a low light. It also has to be above what `f32` coordinates make of a flat floor of small
-/// triangles: 1e-4 of a light that is a hundredth of its distance away.
-pub(super) const STRIP: f64 = 1.0 / 16.0;
+/// light, with what rises so high fading in.
+///
+/// What rises less can hide no more than such a strip of the light (20 % of a disk at its rim, 31 % at the
+/// middle), but would, like all small things, count fully here: the facets of a round wall would darken
+/// it under a low light. Measured where the light is low (six scenes), against a sixteenth: errors a
+/// third to a half smaller, and nowhere more than 0.3 too light; with a half they grow again under
+/// large lights. It is also far above what `f32` coordinates make of a flat floor of small triangles.
+pub(super) const STRIP: f64 = 1.0 / 4.0;
 
 /// What is nearer to a receiver than this, times its largest coordinate or 1, is not looked at: `f32`
 /// coordinates leave its direction uncertain by a hundredth or more.
