@@ -52,13 +52,10 @@ unsafe fn cones<S: Lanes>(packet: &Packet, spread: &[Row; 3], scale: &Row, slack
             upper_starts: [zero; 3],
             lower_starts: [zero; 3],
         };
-        for k in 0..3 {
+        for (k, wide) in spread.iter().enumerate() {
             let origin = S::load(&packet.origin[k]);
             (out.low[k], out.high[k]) = (origin.sub(slack), origin.add(slack));
-            let (d, wide) = (
-                along::<S>(packet, k),
-                S::load(&spread[k]).mul(S::load(scale)),
-            );
+            let (d, wide) = (along::<S>(packet, k), S::load(wide).mul(S::load(scale)));
             let one = S::splat(1.0);
             let (upper, lower) = (not_zero(d.add(wide)), not_zero(d.sub(wide)));
             (out.upper[k], out.lower[k]) = (one.div(upper), one.div(lower));

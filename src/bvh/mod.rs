@@ -2,7 +2,7 @@
 //!
 //! - [`tree`]: building and refitting, the only file that knows obvhs;
 //! - [`packet`]: which of sixteen segments are blocked by opaque triangles;
-//! - [`grown`]: the same tree with boxes that grow along the segments, for what lies around them;
+//! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
 //! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers.
 //!

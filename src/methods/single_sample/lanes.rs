@@ -228,10 +228,10 @@ unsafe fn look<S: Lanes>(views: &mut Views) {
         };
         if let Kind::Disk(_, _, diameter) | Kind::Sphere(diameter) = outline.kind {
             let d = S::splat(diameter as f32);
-            for k in 0..3 {
-                let square = S::splat(1.0).sub(plane[k].mul(plane[k])).max(zero);
+            for (m, row) in plane.into_iter().zip(&mut views.spread) {
+                let square = S::splat(1.0).sub(m.mul(m)).max(zero);
                 let size = d.mul(square.sqrt().add(S::splat(WIDER)));
-                size.store(&mut views.spread[k]);
+                size.store(row);
             }
         }
         store(less(x, dot(x, l), w), &mut views.x);

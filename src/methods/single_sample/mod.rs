@@ -19,8 +19,8 @@
 //! `δ |n · v| / |v × e|`. That has to be `b`, so `δ = b / cos γ`, with `cos γ = |n · v| / |v × e|` the cosine
 //! between the normal and the ray projected along the side (into the plane that both the normal and `e ×
 //! n` span). Its reciprocal grows without bound for triangles seen edge-on; their projections do not, which
-//! is why the distance is measured there ([`view`], [`triangles`], [`polygon`]). Both agree to first order
-//! in `D / A`; a test compares them. Analytic spheres follow the paper's appendix ([`spheres`]).
+//! is why the distance is measured there (`view`, `triangles`, `polygon`). Both agree to first order
+//! in `D / A`; a test compares them. Analytic spheres follow the paper's appendix (`spheres`).
 //!
 //! The distance of a union is the least of its parts' distances. So under the minimum, the paper's way to
 //! combine and the default here, the triangles of a mesh have exactly the outer object of their union:
@@ -31,7 +31,7 @@
 //! # The light
 //! The paper assumes a sphere of diameter `D`. Here a light's equivalent diameter is its width across the
 //! occluder's side, as the receiver sees it: the outer limit of a parallelogram or disk is itself at twice its
-//! size ([`view`]), so that a straight side's penumbra is as wide as the real one whichever way it runs.
+//! size (`view`), so that a straight side's penumbra is as wide as the real one whichever way it runs.
 //! The falloff is that of a disk for all of them (closed form, the default), the paper's Bernstein
 //! interpolant `3τ² - 2τ³`, or linear.
 //!
@@ -40,7 +40,7 @@
 //! [`super::hard`] are. Triangles and spheres that do not rise over the plane through that start do not
 //! count, so a surface has no outer object to itself, and its neighbours only where they stand up from it.
 //! Where the light is within its own width of the horizon, occluders are cut at a height of a quarter of the
-//! light (`STRIP` in [`view`]) over the tangent plane and fade in below it, and the sample is
+//! light (`STRIP` in `view`) over the tangent plane and fade in below it, and the sample is
 //! the centre or, if that is lower, the nearest place at that height. So what is beside the horizon
 //! comes and goes smoothly, `min(s, h)` tends to `h` at terminators, and visibility does not jump where
 //! the light's centre sets.
