@@ -40,11 +40,12 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/stubtest softshadow._core
 
-## Speed against Mitsuba, and the wedges' speed against error; see benches/README.md.
+## Speed against Mitsuba, and the methods' speed against error; see benches/README.md.
 bench: $(STAMP)
 	$(BIN)/python benches/mitsuba_speed.py
 	$(BIN)/python benches/wedges.py
 	$(BIN)/python benches/accumulation.py
+	$(BIN)/python benches/single_sample.py
 
 clean:
 	rm -rf $(VENV) target demo

@@ -13,6 +13,7 @@ use robust::{Coord, orient2d};
 use super::packet::{Stack, plane_side};
 use super::tree::{Node, Tree};
 use super::{SphereBvh, TriangleBvh};
+use crate::geometry::Sphere;
 
 /// Transmittance of the segment through triangles, `through[i]` each.
 pub fn through_triangles(
@@ -36,30 +37,33 @@ pub fn through_triangles(
 pub fn through_spheres(bvh: &SphereBvh, from: Vec3, to: Vec3, stack: &mut Stack) -> f32 {
     let mut crossed = Crossed::default();
     let (o, end) = (from.as_dvec3(), to.as_dvec3());
-    let d = end - o;
     visit(&bvh.tree, from, to, stack, |i| {
-        let s = &bvh.spheres[i];
-        let q = o - s.center;
-        let power = |p: DVec3| p.length_squared() - s.radius * s.radius;
-        let (start, stop) = (power(q), power(end - s.center));
-        let crossings = if (start < 0.0) != (stop < 0.0) {
-            1
-        } else if start < 0.0 {
-            0
-        } else {
-            // Both ends outside: through, if the nearest point lies between them and inside.
-            let t = -q.dot(d) / d.length_squared();
-            if t > 0.0 && t < 1.0 && power(q + d * t) < 0.0 {
-                2
-            } else {
-                0
-            }
-        };
+        let crossings = sphere_crossings(&bvh.spheres[i], o, end);
         if crossings > 0 {
             crossed.add(bvh.transmittance[i], crossings);
         }
     });
     crossed.product()
+}
+
+/// How often a segment crosses a sphere: 0, 1 or 2 times.
+pub(crate) fn sphere_crossings(s: &Sphere, from: DVec3, to: DVec3) -> i32 {
+    let (q, d) = (from - s.center, to - from);
+    let power = |p: DVec3| p.length_squared() - s.radius * s.radius;
+    let (start, stop) = (power(q), power(to - s.center));
+    if (start < 0.0) != (stop < 0.0) {
+        return 1;
+    }
+    if start < 0.0 {
+        return 0;
+    }
+    // Both ends outside: through, if the nearest point lies between them and inside.
+    let t = -q.dot(d) / d.length_squared();
+    if t > 0.0 && t < 1.0 && power(q + d * t) < 0.0 {
+        2
+    } else {
+        0
+    }
 }
 
 /// Crossings counted by transmittance, so that their product does not depend on the order in which a tree

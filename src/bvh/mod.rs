@@ -2,6 +2,7 @@
 //!
 //! - [`tree`]: building and refitting, the only file that knows obvhs;
 //! - [`packet`]: which of sixteen segments are blocked by opaque triangles;
+//! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
 //! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers.
 //!
@@ -12,6 +13,7 @@
 //! off its surface by a few ulps is on the right side of it, however large the triangle.
 
 pub mod crossing;
+pub(crate) mod grown;
 pub mod outline;
 pub mod packet;
 pub mod tree;

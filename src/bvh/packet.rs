@@ -26,7 +26,7 @@ use crate::simd::{Lanes, Level, Row, detect, dispatch};
 const BOX_SLACK: f32 = 16.0 / (1 << 24) as f32;
 
 /// The slab test's own rounding, `1 + 2 γ(3)` (Ize 2013).
-const SLAB_SLACK: f32 = 1.0 + 8.0 / (1 << 24) as f32;
+pub(super) const SLAB_SLACK: f32 = 1.0 + 8.0 / (1 << 24) as f32;
 
 /// Rounding error of `T` and `D - T` over the product of the largest sheared x, y and z. Inside, the three
 /// edge functions have one sign and sum to at most 4 of these products, so that their own rounding, that of
@@ -34,7 +34,7 @@ const SLAB_SLACK: f32 = 1.0 + 8.0 / (1 << 24) as f32;
 const SIDE_ERROR: f32 = 64.0 / (1 << 24) as f32;
 
 /// Smallest direction component that slabs divide by; local coordinates are of order 1.
-const TINY: f32 = 1e-20;
+pub(super) const TINY: f32 = 1e-20;
 
 /// Nodes still to visit; kept between calls so that no traversal allocates.
 pub type Stack = Vec<u32>;
@@ -42,8 +42,8 @@ pub type Stack = Vec<u32>;
 /// Sixteen segments in local coordinates.
 #[derive(Debug, Clone, Default)]
 pub struct Packet {
-    origin: [Row; 3],
-    target: [Row; 3],
+    pub(super) origin: [Row; 3],
+    pub(super) target: [Row; 3],
 }
 
 impl Packet {
@@ -54,6 +54,16 @@ impl Packet {
             self.origin[axis].0[lane] = origin[axis];
             self.target[axis].0[lane] = target[axis];
         }
+    }
+
+    /// Starts of all segments.
+    pub(crate) fn origins(&self) -> &[Row; 3] {
+        &self.origin
+    }
+
+    /// Ends of all segments.
+    pub(crate) fn targets(&self) -> &[Row; 3] {
+        &self.target
     }
 
     /// Start of a segment.
@@ -96,12 +106,7 @@ unsafe fn all_axes<S: Lanes>(
 ) -> u16 {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
-        let x = along::<S>(packet, 0).abs();
-        let y = along::<S>(packet, 1).abs();
-        let z = along::<S>(packet, 2).abs();
-        let along_z = x.le(z) & y.le(z);
-        let along_x = !along_z & y.le(x);
-        let along_y = !along_z & !along_x;
+        let [along_x, along_y, along_z] = longest_axes::<S>(packet);
         let mut out = 0;
         if along_z & active != 0 {
             out |= traverse::<S, 2>(bvh, packet, along_z & active, stack);
@@ -116,8 +121,22 @@ unsafe fn all_axes<S: Lanes>(
     }
 }
 
+/// The segments whose longest axis is x, y and z; each is in one of the three.
+#[inline(always)]
+pub(crate) unsafe fn longest_axes<S: Lanes>(packet: &Packet) -> [u16; 3] {
+    // SAFETY: the caller enabled the features of `S`.
+    unsafe {
+        let x = along::<S>(packet, 0).abs();
+        let y = along::<S>(packet, 1).abs();
+        let z = along::<S>(packet, 2).abs();
+        let along_z = x.le(z) & y.le(z);
+        let along_x = !along_z & y.le(x);
+        [along_x, !along_z & !along_x, along_z]
+    }
+}
+
 /// What the box and triangle tests need of segments whose longest axis is this one.
-struct Rays<S, const AXIS: usize> {
+pub(crate) struct Rays<S, const AXIS: usize> {
     /// Origins moved down and up by the box slack.
     low: [S; 3],
     high: [S; 3],
@@ -125,13 +144,14 @@ struct Rays<S, const AXIS: usize> {
     /// Origins in the order of the sheared axes.
     origin: [S; 3],
     shear: [S; 2],
-    length: S,
+    /// Extent along the longest axis.
+    pub(crate) length: S,
 }
 
 impl<S, const AXIS: usize> Rays<S, AXIS> {
     /// Axes in cyclic order, the longest last. Constant, since choosing a coordinate while running would cost
     /// the triangle test more than its arithmetic.
-    const AXES: [usize; 3] = [(AXIS + 1) % 3, (AXIS + 2) % 3, AXIS];
+    pub(crate) const AXES: [usize; 3] = [(AXIS + 1) % 3, (AXIS + 2) % 3, AXIS];
 }
 
 #[inline(always)]
@@ -194,7 +214,7 @@ unsafe fn traverse<S: Lanes, const AXIS: usize>(
 
 /// Extent of the segments along an axis.
 #[inline(always)]
-unsafe fn along<S: Lanes>(packet: &Packet, axis: usize) -> S {
+pub(super) unsafe fn along<S: Lanes>(packet: &Packet, axis: usize) -> S {
     // SAFETY: the caller enabled the features of `S`.
     unsafe { S::load(&packet.target[axis]).sub(S::load(&packet.origin[axis])) }
 }
@@ -213,23 +233,32 @@ unsafe fn inverse<S: Lanes>(packet: &Packet, axis: usize) -> S {
     }
 }
 
+/// By how much boxes are widened.
 #[inline(always)]
-unsafe fn prepare<S: Lanes, const AXIS: usize>(packet: &Packet, active: u16) -> Rays<S, AXIS> {
+pub(super) fn box_slack(packet: &Packet, active: u16) -> f32 {
+    let mut largest = 1.0f32;
+    for row in &packet.origin {
+        for (lane, x) in row.0.iter().enumerate() {
+            let counts = active >> lane & 1 == 1;
+            largest = if counts {
+                largest.max(x.abs())
+            } else {
+                largest
+            };
+        }
+    }
+    BOX_SLACK * largest
+}
+
+#[inline(always)]
+pub(crate) unsafe fn prepare<S: Lanes, const AXIS: usize>(
+    packet: &Packet,
+    active: u16,
+) -> Rays<S, AXIS> {
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
         let axes = Rays::<S, AXIS>::AXES;
-        let mut largest = 1.0f32;
-        for row in &packet.origin {
-            for (lane, x) in row.0.iter().enumerate() {
-                let counts = active >> lane & 1 == 1;
-                largest = if counts {
-                    largest.max(x.abs())
-                } else {
-                    largest
-                };
-            }
-        }
-        let slack = S::splat(BOX_SLACK * largest);
+        let slack = S::splat(box_slack(packet, active));
         let x = S::load(&packet.origin[0]);
         let y = S::load(&packet.origin[1]);
         let z = S::load(&packet.origin[2]);
@@ -254,7 +283,10 @@ unsafe fn prepare<S: Lanes, const AXIS: usize>(packet: &Packet, active: u16) -> 
 
 /// A vertex from the segments' origins, sheared so that they run along z.
 #[inline(always)]
-unsafe fn shear<S: Lanes, const AXIS: usize>(rays: &Rays<S, AXIS>, v: &Vec3) -> (S, S, S) {
+pub(crate) unsafe fn shear<S: Lanes, const AXIS: usize>(
+    rays: &Rays<S, AXIS>,
+    v: &Vec3,
+) -> (S, S, S) {
     let [kx, ky, kz] = Rays::<S, AXIS>::AXES;
     // SAFETY: the caller enabled the features of `S`.
     unsafe {
@@ -294,7 +326,7 @@ unsafe fn enter<S: Lanes, const AXIS: usize>(node: &Node, rays: &Rays<S, AXIS>) 
 
 /// Segments of `active` that the triangle blocks.
 #[inline(always)]
-unsafe fn triangle<S: Lanes, const AXIS: usize>(
+pub(crate) unsafe fn triangle<S: Lanes, const AXIS: usize>(
     corners: &[Vec3; 3],
     packet: &Packet,
     rays: &Rays<S, AXIS>,

@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{Method, Prepared, Shading};
@@ -40,6 +41,14 @@ impl Method for Hard {
     }
 }
 
+/// Where shadow rays to a local light's centre end: towards the emitting side of it, as the light sampler
+/// moves its points.
+pub(super) fn target(light: &Light) -> Vec3 {
+    let size = light.center().abs().max_element().max(1.0);
+    let lift = light.normal().unwrap_or_default() * (POINT_OFFSET * size);
+    (light.center() + lift).as_vec3()
+}
+
 struct PreparedHard {
     geometry: Arc<Geometry>,
     lights: Vec<Light>,
@@ -49,10 +58,7 @@ impl Prepared for PreparedHard {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let light = &self.lights[light];
         let occluders = self.geometry.occluders();
-        // Towards the emitting side, as the light sampler moves its points.
-        let size = light.center().abs().max_element().max(1.0);
-        let lift = light.normal().unwrap_or_default() * (POINT_OFFSET * size);
-        let target = (light.center() + lift).as_vec3();
+        let target = target(light);
         let parts: Vec<Vec<f32>> = receivers
             .group_ranges()
             .map_init(

@@ -4,6 +4,7 @@
 //! - [`convolution`]: hard shadows convolved with the light's image;
 //! - [`hard`]: one shadow ray to the light's centre;
 //! - [`ray_traced`]: stratified light samples against the hierarchy, the reference;
+//! - [`single_sample`]: one shadow ray against soft-edged outer objects;
 //! - [`ssoc`]: the soft shadow occlusion camera;
 //! - [`wedges`]: penumbra wedges, and shadow volumes.
 //!
@@ -15,6 +16,7 @@ pub mod accumulation;
 pub mod convolution;
 pub mod hard;
 pub mod ray_traced;
+pub mod single_sample;
 pub mod ssoc;
 pub mod views;
 pub mod wedges;

@@ -7,6 +7,7 @@
 //! - [`render`]: preparing and rendering;
 //! - [`kernels`]: the pieces, as functions from arrays to arrays;
 //! - [`accumulation`]: receiver polygons' textures;
+//! - [`single_sample`]: those of single sample soft shadows;
 //! - [`ssoc`]: those of the soft shadow occlusion camera;
 //! - [`wedges`]: those of penumbra wedges.
 
@@ -15,6 +16,7 @@ mod arrays;
 mod kernels;
 mod objects;
 mod render;
+mod single_sample;
 mod ssoc;
 mod wedges;
 

@@ -17,6 +17,7 @@ use crate::methods::accumulation::{Accumulation, Content};
 use crate::methods::convolution::Convolution;
 use crate::methods::hard::Hard;
 use crate::methods::ray_traced::RayTraced;
+use crate::methods::single_sample::{Overlap as ObjectOverlap, SingleSample};
 use crate::methods::ssoc::Ssoc;
 use crate::methods::ssoc::falloff::Falloff as SsocFalloff;
 use crate::methods::wedges::planes::Construction;
@@ -239,6 +240,11 @@ impl PyMethod {
     }
 
     #[staticmethod]
+    fn single_sample(parameters: SingleSampleParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
     fn ssoc(parameters: SsocParameters) -> Result<Self> {
         Ok(PyMethod(Arc::new(parameters.parse()?)))
     }
@@ -335,6 +341,44 @@ impl ConvolutionParameters {
     }
 }
 
+/// The parameters of single sample soft shadows as Python has them: attributes of `softshadow.SingleSample`.
+#[derive(FromPyObject)]
+pub(super) struct SingleSampleParameters {
+    falloff: String,
+    overlap: String,
+    parts: String,
+    opacity: Option<String>,
+}
+
+impl SingleSampleParameters {
+    /// Checks them.
+    pub(super) fn parse(&self) -> Result<SingleSample> {
+        let method = "SingleSample";
+        let overlaps = [
+            ("minimum", ObjectOverlap::Minimum),
+            ("multiply", ObjectOverlap::Multiply),
+            ("add", ObjectOverlap::Add),
+        ];
+        let parts = [("objects", false), ("triangles", true)];
+        Ok(SingleSample {
+            falloff: parse_falloff(method, &self.falloff)?,
+            overlap: choice(method, "overlap", &self.overlap, &overlaps)?,
+            triangles: choice(method, "parts", &self.parts, &parts)?,
+            opaque: parse_opaque(method, self.opacity.as_deref())?,
+        })
+    }
+}
+
+/// The falloffs that do without planes.
+pub(super) fn parse_falloff(method: &str, name: &str) -> Result<SsocFalloff> {
+    let falloffs = [
+        ("light", SsocFalloff::Light),
+        ("linear", SsocFalloff::Linear),
+        ("smooth", SsocFalloff::Smooth),
+    ];
+    choice(method, "falloff", name, &falloffs)
+}
+
 /// The parameters of the soft shadow occlusion camera as Python has them: attributes of `softshadow.Ssoc`.
 #[derive(FromPyObject)]
 pub(super) struct SsocParameters {
@@ -350,12 +394,7 @@ impl SsocParameters {
     /// Checks them.
     pub(super) fn parse(&self) -> Result<Ssoc> {
         let method = "Ssoc";
-        let falloffs = [
-            ("light", SsocFalloff::Light),
-            ("linear", SsocFalloff::Linear),
-            ("smooth", SsocFalloff::Smooth),
-        ];
-        let falloff = choice(method, "falloff", &self.falloff, &falloffs)?;
+        let falloff = parse_falloff(method, &self.falloff)?;
         let opaque = parse_opaque(method, self.opacity.as_deref())?;
         Ssoc::new(
             self.resolution,

@@ -28,6 +28,27 @@ pub struct Edge {
     pub object: u32,
 }
 
+/// Returns an error unless everything that casts is opaque, or is to count as `opaque`.
+///
+/// # Errors
+/// As said.
+pub fn check_opacity(
+    method: &'static str,
+    mut casts: impl Iterator<Item = f32>,
+    opaque: bool,
+) -> Result<()> {
+    match casts.find(|o| *o < 1.0) {
+        Some(opacity) if !opaque => {
+            let reason = format!(
+                "it cannot model an opacity of {opacity}; opacity=\"opaque\" lets every mesh of an \
+                 opacity above 0 block all light"
+            );
+            Err(Error::Unsupported { method, reason })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// What casts: opaque meshes, or all if transparent ones are to count as opaque.
 #[derive(Debug, Clone)]
 pub struct Casters {
@@ -52,14 +73,7 @@ impl Casters {
             .filter(|&m| material(geometry.meshes[m].entry).casts)
             .collect();
         let opacity = |&m: &usize| material(geometry.meshes[m].entry).opacity;
-        let clear = casts.iter().map(opacity).find(|o| *o < 1.0);
-        if let (Some(opacity), false) = (clear, opaque) {
-            let reason = format!(
-                "it cannot model an opacity of {opacity}; opacity=\"opaque\" lets every mesh of an \
-                 opacity above 0 block all light"
-            );
-            return Err(Error::Unsupported { method, reason });
-        }
+        check_opacity(method, casts.iter().map(opacity), opaque)?;
         let meshes = casts.into_iter().filter(|m| opacity(m) > 0.0).collect();
         Ok(Casters { geometry, meshes })
     }

@@ -198,7 +198,7 @@ struct PreparedWedges {
 }
 
 /// Whether a light (local) has no width.
-pub(super) fn is_point(light: &Light) -> bool {
+pub(crate) fn is_point(light: &Light) -> bool {
     let half = match light.shape {
         Shape::Rect { u, v, .. } => 0.5 * u.length().max(v.length()),
         Shape::Disk { radius, .. } | Shape::Sphere { radius, .. } => radius,

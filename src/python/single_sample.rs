@@ -1,0 +1,58 @@
+//! The pieces of single sample soft shadows; documented in `softshadow/kernels.py`.
+
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::objects::{PyLight, PyScene, SingleSampleParameters, parse_falloff};
+use super::{arrays, run};
+use crate::error::Error;
+use crate::methods::single_sample::SingleSample;
+use crate::receivers::Receivers;
+
+#[pyfunction]
+#[pyo3(signature = (scene, points, normals, light, parameters, progress=None))]
+pub(super) fn outer_distances<'py>(
+    py: Python<'py>,
+    scene: &PyScene,
+    points: PyReadonlyArray2<'py, f64>,
+    normals: Option<PyReadonlyArray2<'py, f64>>,
+    light: &PyLight,
+    parameters: SingleSampleParameters,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray1<f32>>> {
+    let method = parameters.parse()?;
+    let points = arrays::points(&points, "points")?;
+    let normals = normals.map(|n| arrays::points(&n, "normals")).transpose()?;
+    let (scene, light) = (scene.shared(), light.0);
+    let out = run(py, progress.as_ref(), move |control| {
+        let geometry = scene.geometry()?;
+        let receivers = Receivers::from_points(&geometry, &points, normals.as_deref())?;
+        control.expect(receivers.group_count());
+        let ready = method.ready(geometry, &[light], control)?;
+        let found = ready.distances(&receivers, 0, control)?;
+        let mut out = vec![0.0; found.len()];
+        for (&i, tau) in receivers.index.iter().zip(found) {
+            out[i as usize] = tau;
+        }
+        Ok(out)
+    })?;
+    Ok(PyArray1::from_vec(py, out))
+}
+
+#[pyfunction]
+pub(super) fn attenuation<'py>(
+    py: Python<'py>,
+    tau: PyReadonlyArray1<'py, f64>,
+    falloff: &str,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let falloff = parse_falloff("attenuation", falloff)?;
+    let tau = arrays::values(&tau);
+    if let Some(i) = tau.iter().position(|t| t.is_nan()) {
+        return Err(Error::parameter("tau", format!("value {i} is not a number")).into());
+    }
+    let seen = tau
+        .into_iter()
+        .map(|t| SingleSample::visible(falloff, t))
+        .collect();
+    Ok(PyArray1::from_vec(py, seen))
+}
