@@ -93,7 +93,7 @@ impl Accumulation {
         }
         if self.content == Content::EightBit {
             let left = 256 - self.ambient_level();
-            if self.samples > left || left % self.samples != 0 {
+            if self.samples > left || !left.is_multiple_of(self.samples) {
                 return bad(format!(
                     "samples must divide {left} (256 less the ambient level) for texture=\"eight_bit\", \
                      got {}",
@@ -119,7 +119,7 @@ impl Accumulation {
     }
 
     /// What a picture makes of eight bits: the light's part of them, the saturated level being all of it.
-    fn from_eight_bits(&self, level: u8) -> f32 {
+    fn visibility_of(&self, level: u8) -> f32 {
         let a = self.ambient_level();
         if level == 255 {
             return 1.0;
@@ -166,7 +166,7 @@ impl Painter for Accumulation {
         let contacts = self.refine(atlas, key, texture, self.samples, gatherer, control)?;
         if self.content == Content::EightBit {
             let samples = self.samples;
-            texture.map_visibility(|v| self.from_eight_bits(self.eight_bits(v, samples)));
+            texture.map_visibility(|v| self.visibility_of(self.eight_bits(v, samples)));
         }
         Ok(contacts)
     }

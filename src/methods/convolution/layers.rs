@@ -178,7 +178,7 @@ impl HardShadow {
             let off = 0.5 * (1.0 - narrow / wide);
             let seen = (wide - narrow) * half > 0.5;
             if off > error && seen && low < high {
-                let middle = (low + high + 1) / 2;
+                let middle = (low + high).div_ceil(2);
                 stack.extend([(low, middle), (middle, high + 1)]);
                 continue;
             }
