@@ -18,11 +18,12 @@ from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import Hard, Method, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
 from softshadow.render import Image, Prepared, prepare, render, visibility
-from softshadow.scene import Mesh, Scene, Spheres
+from softshadow.scene import Curves, Mesh, Scene, Spheres
 
 __all__ = [
     "Camera",
     "Comparison",
+    "Curves",
     "DiskLight",
     "Hard",
     "Image",
