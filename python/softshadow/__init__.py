@@ -16,7 +16,7 @@ from softshadow._core import ParameterError, SceneError, UnsupportedError, __ver
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.methods import Hard, Method, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
+from softshadow.methods import Hard, Method, Mtsm, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Curves, Mesh, Scene, Spheres
 
@@ -30,6 +30,7 @@ __all__ = [
     "Light",
     "Mesh",
     "Method",
+    "Mtsm",
     "ParameterError",
     "Prepared",
     "RayTraced",

@@ -204,8 +204,33 @@ class Wedges(Method):
         return _core.Method.wedges(self)
 
 
+@dataclass(frozen=True)
+class Mtsm(Method):
+    """Ray-traced multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007)."""
+
+    resolution: int = 1024
+    layers: int = 5
+    samples: int = 256
+    seed: int = 0
+    z_threshold: float | None = None
+    bias: float = 0.0
+    detail: float = 64.0
+    error: float = 0.02
+    threshold: float = 1 / 512
+    resets: int = 4
+    crossing: Literal["multiply", "subtract"] = "multiply"
+    opacity: Literal["opaque"] | None = None
+
+    name: ClassVar[str] = "mtsm"
+    transparent: ClassVar[bool] = True
+    points: ClassVar[bool] = True
+
+    def _to_core(self) -> _core.Method:
+        return _core.Method.mtsm(self)
+
+
 _METHODS: dict[str, type[Method]] = {
-    m.name: m for m in (Hard, RayTraced, ShadowVolume, Ssoc, Wedges)
+    m.name: m for m in (Hard, RayTraced, ShadowVolume, Ssoc, Mtsm, Wedges)
 }
 
 MethodLike: TypeAlias = "str | Method"

@@ -1,6 +1,7 @@
 //! The methods, each in a file or folder of its own, and what they have in common.
 //!
 //! - [`hard`]: one shadow ray to the light's centre;
+//! - [`layered`]: ray-traced multilayer shadow maps;
 //! - [`ray_traced`]: stratified light samples against the hierarchy, the reference;
 //! - [`ssoc`]: the soft shadow occlusion camera;
 //! - [`wedges`]: penumbra wedges, and shadow volumes.
@@ -10,6 +11,7 @@
 //! that into radiance is the same for all ([`crate::render`]).
 
 pub mod hard;
+pub mod layered;
 pub mod ray_traced;
 pub mod ssoc;
 pub mod views;

@@ -13,6 +13,7 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::Method;
 use crate::methods::hard::Hard;
+use crate::methods::layered::{Kind, Layered, Settings};
 use crate::methods::ray_traced::RayTraced;
 use crate::methods::ssoc::Ssoc;
 use crate::methods::ssoc::falloff::Falloff as SsocFalloff;
@@ -231,6 +232,21 @@ impl PyMethod {
     }
 
     #[staticmethod]
+    fn slsm(parameters: LayeredParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse(Kind::Single)?)))
+    }
+
+    #[staticmethod]
+    fn mlsm(parameters: LayeredParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse(Kind::Multi)?)))
+    }
+
+    #[staticmethod]
+    fn mtsm(parameters: LayeredParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse(Kind::Transparent)?)))
+    }
+
+    #[staticmethod]
     fn wedges(parameters: WedgeParameters) -> Result<Self> {
         Ok(PyMethod(Arc::new(parameters.parse()?)))
     }
@@ -266,6 +282,46 @@ impl SsocParameters {
             self.thin,
             opaque,
         )
+    }
+}
+
+/// The parameters of layered shadow maps as Python has them: attributes of `softshadow.Slsm`, `Mlsm` and `Mtsm`.
+#[derive(FromPyObject)]
+pub(super) struct LayeredParameters {
+    resolution: i64,
+    layers: i64,
+    samples: i64,
+    seed: u64,
+    z_threshold: Option<f64>,
+    bias: f64,
+    detail: f64,
+    error: f64,
+    threshold: f64,
+    resets: i64,
+    crossing: String,
+    opacity: Option<String>,
+}
+
+impl LayeredParameters {
+    /// Checks them.
+    pub(super) fn parse(&self, kind: Kind) -> Result<Layered> {
+        let method = "Mtsm";
+        let crossings = [("multiply", false), ("subtract", true)];
+        let settings = Settings {
+            resolution: self.resolution,
+            layers: self.layers,
+            samples: self.samples,
+            seed: self.seed,
+            z_threshold: self.z_threshold,
+            bias: self.bias,
+            detail: self.detail,
+            error: self.error,
+            threshold: self.threshold,
+            resets: self.resets,
+            subtract: choice(method, "crossing", &self.crossing, &crossings)?,
+            opaque: parse_opaque(method, self.opacity.as_deref())?,
+        };
+        Layered::new(kind, settings)
     }
 }
 
