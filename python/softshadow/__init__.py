@@ -16,7 +16,19 @@ from softshadow._core import ParameterError, SceneError, UnsupportedError, __ver
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.methods import Hard, Method, Mtsm, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
+from softshadow.methods import (
+    DeepShadow,
+    Hard,
+    Method,
+    Mtsm,
+    Mvsm,
+    Pcf,
+    RayTraced,
+    ShadowVolume,
+    Ssoc,
+    Wedges,
+    method_names,
+)
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Curves, Mesh, Scene, Spheres
 
@@ -24,6 +36,7 @@ __all__ = [
     "Camera",
     "Comparison",
     "Curves",
+    "DeepShadow",
     "DiskLight",
     "Hard",
     "Image",
@@ -31,7 +44,9 @@ __all__ = [
     "Mesh",
     "Method",
     "Mtsm",
+    "Mvsm",
     "ParameterError",
+    "Pcf",
     "Prepared",
     "RayTraced",
     "RectLight",

@@ -1,7 +1,9 @@
 //! The methods, each in a file or folder of its own, and what they have in common.
 //!
+//! - [`filtered`]: percentage-closer soft shadows and deep shadow maps;
 //! - [`hard`]: one shadow ray to the light's centre;
 //! - [`layered`]: ray-traced multilayer shadow maps;
+//! - [`mvsm`]: ray-traced multi-view shadow maps;
 //! - [`ray_traced`]: stratified light samples against the hierarchy, the reference;
 //! - [`ssoc`]: the soft shadow occlusion camera;
 //! - [`wedges`]: penumbra wedges, and shadow volumes.
@@ -10,8 +12,10 @@
 //! any receivers ([`Prepared::shade`]). It says which fraction of a light each receiver sees; turning
 //! that into radiance is the same for all ([`crate::render`]).
 
+pub mod filtered;
 pub mod hard;
 pub mod layered;
+pub mod mvsm;
 pub mod ray_traced;
 pub mod ssoc;
 pub mod views;

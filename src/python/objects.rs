@@ -7,6 +7,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::arrays;
+use super::filtered::{DeepParameters, MvsmParameters, PcfParameters};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
@@ -227,6 +228,21 @@ impl PyMethod {
     }
 
     #[staticmethod]
+    fn pcf(parameters: PcfParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
+    fn mvsm(parameters: MvsmParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
+    fn deep(parameters: DeepParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
     fn ssoc(parameters: SsocParameters) -> Result<Self> {
         Ok(PyMethod(Arc::new(parameters.parse()?)))
     }
@@ -391,7 +407,12 @@ pub(super) fn parse_construction(vertex_angle: f64, planes: &str) -> Result<Cons
 }
 
 /// The value that a name stands for.
-fn choice<T: Copy>(method: &str, parameter: &str, name: &str, values: &[(&str, T)]) -> Result<T> {
+pub(super) fn choice<T: Copy>(
+    method: &str,
+    parameter: &str,
+    name: &str,
+    values: &[(&str, T)],
+) -> Result<T> {
     let found = values.iter().find(|v| v.0 == name);
     found.map(|v| v.1).ok_or_else(|| {
         let names: Vec<String> = values.iter().map(|v| format!("{:?}", v.0)).collect();
@@ -408,7 +429,7 @@ fn parse_counting(method: &str, name: &str) -> Result<Counting> {
     choice(method, "counting", name, &values)
 }
 
-fn parse_opaque(method: &str, name: Option<&str>) -> Result<bool> {
+pub(super) fn parse_opaque(method: &str, name: Option<&str>) -> Result<bool> {
     name.map_or(Ok(false), |name| {
         choice(method, "opacity", name, &[("opaque", true)])
     })
