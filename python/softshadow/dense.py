@@ -138,7 +138,10 @@ def tree(
     stems, along = _along(wood[-1], holders, rng.uniform(0.2, 1.0, leaves))
     scene = Scene()
     scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
-    scene.add(_tubes(wood, thick), name="wood", albedo=(0.35, 0.25, 0.18))
+    vertices, faces = _tubes(wood, thick)
+    # A trunk that leans has a rim below the ground.
+    vertices[:, 2] = np.maximum(vertices[:, 2], 0.0)
+    scene.add((vertices, faces), name="wood", albedo=(0.35, 0.25, 0.18))
     foliage = _leaves(rng, stems, along, 0.014 * math.sqrt(150_000 / leaves))
     scene.add(foliage, name="leaves", albedo=(0.35, 0.55, 0.2), opacity=opacity)
     camera = Camera((0.3, -2.7, 1.6), (0.2, 0.0, 0.36), (0, 0, 1), 28.0, width, height)

@@ -96,9 +96,9 @@ class Mvsm(Method):
         Of the light samples, 0 to 2**64 - 1.
     gap : float, optional
         Largest difference of depth between neighbouring texels that counts as one surface, world
-        units. By default four texels' width.
+        units. By default two texels' width.
     bias : float, optional
-        How far off their receiver rays start, world units. By default one and a half texels' width.
+        How far off their receiver rays start, world units. By default three texels' width.
     opacity : {"opaque"}, optional
         ``"opaque"`` lets every mesh with an opacity above 0 block all light; without, transparent
         meshes that cast are an error.
