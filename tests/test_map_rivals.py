@@ -41,11 +41,10 @@ def test_half_plane(name, kind):
     on_receiver = image.mask & (image.mesh_id == 0)
     error = image.visibility[on_receiver] - setup.visibility(image.position[on_receiver])
     samples = RIVALS[name].samples
-    # Stratified samples leave N^(-3/4) along a line: 0.044 of 64, 0.016 of 256, at worst a few
-    # times that; the edge is a texel's staircase. A sphere's blocker is not at one depth to a view
-    # that looks at it from the side: the mean moves by 0.001.
-    assert np.abs(error).max() < 3 * samples**-0.75 + 0.02
-    assert abs(error.mean()) < (0.003 if kind == "sphere" else 0.001)
+    # Stratified samples leave about N^(-3/4) at worst, 0.044 of 64 and 0.016 of 256, and no bias;
+    # the rest is the texels' staircase (measured: 0.056 and 0.0163, mean 0.0006).
+    assert np.abs(error).max() < 1.5 * samples**-0.75
+    assert abs(error.mean()) < 0.001
 
 
 @pytest.mark.parametrize("sheets", [1, 2])
@@ -108,10 +107,11 @@ def test_the_filter_s_error_grows_with_the_light_and_that_of_traced_maps_hardly_
         reference = _render(setup, ss.RayTraced(256, pattern="fixed"))
         for name, found in errors.items():
             found.append(_error(setup, RIVALS[name], reference))
+    # Measured: 0.0017, 0.0100, 0.0300 and 0.0010, 0.0013, 0.0019.
     growth = {name: e[2] / e[0] for name, e in errors.items()}
     assert errors["pcf"][0] < errors["pcf"][1] < errors["pcf"][2]
-    assert growth["pcf"] > 4
-    assert errors["mvsm"][2] < 0.25 * errors["pcf"][2]
+    assert growth["pcf"] > 10
+    assert growth["mvsm"] < 3
 
 
 @pytest.mark.parametrize("name", RIVALS)
@@ -119,15 +119,16 @@ def test_all_are_better_than_hard_shadows(name):
     setup = ss.scenes.closed_solids(128, 128, light_size=0.4, detail=3)
     reference = _render(setup, REFERENCE)
     hard = _error(setup, "hard", reference)
-    # Measured: see docs/methods.
-    assert _error(setup, RIVALS[name], reference) < (0.25 if name == "mvsm" else 0.75) * hard
+    # Measured: 0.50, 0.50 and 0.08.
+    assert _error(setup, RIVALS[name], reference) < (0.12 if name == "mvsm" else 0.6) * hard
 
 
 def test_the_mean_of_the_blockers_depths_is_nearer_than_the_nearest():
     setup = ss.scenes.closed_solids(128, 128, light_size=0.6, detail=3)
     reference = _render(setup, REFERENCE)
     nearest, mean = (_error(setup, ss.Pcf(estimate=e), reference) for e in ("nearest", "mean"))
-    assert mean < 0.85 * nearest
+    # Measured: 0.0197 and 0.0111.
+    assert mean < 0.7 * nearest
 
 
 def _two_boards():
@@ -144,16 +145,18 @@ def _two_boards():
 def test_layers_and_views_see_what_the_nearest_surface_hides():
     setup = _two_boards()
     reference = _render(setup, REFERENCE)
-    assert _error(setup, ss.Pcf(layers=4), reference) < 0.8 * _error(setup, ss.Pcf(), reference)
+    # Measured: 0.0068 and 0.0040; 0.0042 and 0.0014.
+    assert _error(setup, ss.Pcf(layers=4), reference) < 0.7 * _error(setup, ss.Pcf(), reference)
     one, five = (_error(setup, ss.Mvsm(views=v), reference) for v in (1, 5))
-    assert five < 0.6 * one
+    assert five < 0.45 * one
 
 
 def test_translucent_leaves_let_light_through_deep_shadow_maps():
     setup = ss.scenes.tree(96, 96, leaves=20_000, opacity=0.4)
     reference = _render(setup, REFERENCE)
     opaque = _error(setup, ss.Pcf(opacity="opaque"), reference)
-    assert _error(setup, ss.DeepShadow(layers=16), reference) < 0.7 * opaque
+    # Measured: 0.043 and 0.024.
+    assert _error(setup, ss.DeepShadow(), reference) < 0.65 * opaque
 
 
 # ---------------------------------------------------------------- leaks and acne
@@ -200,8 +203,8 @@ def test_a_light_of_radius_zero_tends_to_hard_shadows(name, kind):
         s = ss.scenes.closed_solids(96, 96, kind, size, detail=3)
         hard = _render(s, "hard")
         image = _render(s, type(RIVALS[name])(resolution=2048, samples=16))
-        # A texel's staircase along the edges (measured: at most 0.003).
-        assert np.abs(image.visibility - hard.visibility)[image.mask].mean() < 0.006
+        # A texel's staircase along the edges, and `mvsm`'s start (measured: at most 0.0008).
+        assert np.abs(image.visibility - hard.visibility)[image.mask].mean() < 0.0012
 
 
 @pytest.mark.parametrize("name", RIVALS)
