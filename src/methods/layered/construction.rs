@@ -10,7 +10,7 @@
 use rayon::prelude::*;
 
 use super::compress::{Compression, Crossing, compress};
-use super::map::{LayerMap, Level, Medium, Piece};
+use super::map::{Block, LayerMap, Level, Medium, Piece};
 use super::quadtree::add_levels;
 use super::views::LayerView;
 use crate::control::Control;
@@ -59,39 +59,35 @@ pub fn layer_map(
     let near = view.inverse_near;
     let (width, height) = (camera.width as usize, camera.height as usize);
     let k = layers.count;
-    let mut level = Level {
-        width,
-        height,
-        pieces: vec![Piece::default(); width * height * k],
-        ..Level::default()
-    };
+    let mut level = Level::new(width, height, k, transparent);
+    // A row of tiles is a whole number of rows of blocks.
+    let rows = width.div_ceil(2) * (TILE as usize / 2) * k;
+    let across = camera.width.div_ceil(TILE) as usize;
     if transparent {
-        level.media = vec![Medium::NONE; width * height * k];
         let make = |tile| AllCrossings::new(tile, near, geometry);
         let tiles = rasterize(&geometry.positions, faces, keep, camera, control, make)?;
-        let rows = level.pieces.par_chunks_mut(width * TILE as usize * k);
-        rows.zip(level.media.par_chunks_mut(width * TILE as usize * k))
-            .zip(
-                tiles
-                    .into_par_iter()
-                    .chunks(camera.width.div_ceil(TILE) as usize),
-            )
-            .for_each(|((pieces, media), tiles)| {
+        let blocks = level.blocks.par_chunks_mut(rows);
+        blocks
+            .zip(level.media.par_chunks_mut(rows))
+            .zip(tiles.into_par_iter().chunks(across))
+            .for_each(|((blocks, media), tiles)| {
                 for (tile, sink) in tiles {
-                    sink.put(tile, width, k, &layers.compression, pieces, media);
+                    sink.put(tile, width, k, &layers.compression, blocks, media);
                 }
             });
     } else {
         let make = |tile| NearestLayers::new(tile, near, k);
         let tiles = rasterize(&geometry.positions, faces, keep, camera, control, make)?;
-        let rows = level.pieces.par_chunks_mut(width * TILE as usize * k);
-        rows.zip(tiles.par_chunks(camera.width.div_ceil(TILE) as usize))
-            .for_each(|(pieces, tiles)| {
+        let blocks = level.blocks.par_chunks_mut(rows);
+        blocks
+            .zip(tiles.par_chunks(across))
+            .for_each(|(blocks, tiles)| {
                 for (tile, sink) in tiles {
-                    let row = tile.width as usize * k;
-                    for (y, from) in sink.pieces.chunks_exact(row).enumerate() {
-                        let to = (y * width + tile.x as usize) * k;
-                        pieces[to..to + row].copy_from_slice(from);
+                    for (i, texel) in sink.pieces.chunks_exact(k).enumerate() {
+                        let (at, child) = in_row_of_tiles(tile, i as u32, width, k);
+                        for (block, piece) in blocks[at..at + k].iter_mut().zip(texel) {
+                            block.set(child, *piece);
+                        }
                     }
                 }
             });
@@ -104,6 +100,17 @@ pub fn layer_map(
     };
     add_levels(&mut map);
     Ok(map)
+}
+
+/// Where a tile's texel number `i` is among the blocks of its row of tiles: its first layer, and which of the
+/// four texels it is.
+fn in_row_of_tiles(tile: &Tile, i: u32, width: usize, layers: usize) -> (usize, usize) {
+    let (x, y) = (
+        (tile.x + i % tile.width) as usize,
+        (i / tile.width) as usize,
+    );
+    let block = y / 2 * width.div_ceil(2) + x / 2;
+    (block * layers, y % 2 * 2 + x % 2)
 }
 
 /// Bytes that a map takes while it is built: its texels twice (tiles and levels), a third more in its coarser
@@ -221,8 +228,8 @@ impl<'a> AllCrossings<'a> {
         width: usize,
         layers: usize,
         how: &Compression,
-        pieces: &mut [Piece],
-        media: &mut [Medium],
+        blocks: &mut [Block],
+        media: &mut [[Medium; 4]],
     ) {
         // Stable, so that equal depths stay in the order of their triangles.
         self.crossings.sort_by(|(at, a), (bt, b)| {
@@ -234,10 +241,10 @@ impl<'a> AllCrossings<'a> {
             list.clear();
             list.extend(texel.iter().map(|(_, c)| *c));
             compress(&list, layers, how, &mut out);
-            let (x, y) = (texel[0].0 % tile.width, texel[0].0 / tile.width);
-            let to = (y as usize * width + (tile.x + x) as usize) * layers;
+            let (at, child) = in_row_of_tiles(&tile, texel[0].0, width, layers);
             for (i, (piece, medium)) in out.iter().enumerate() {
-                (pieces[to + i], media[to + i]) = (*piece, *medium);
+                blocks[at + i].set(child, *piece);
+                media[at + i][child] = *medium;
             }
         }
     }

@@ -10,6 +10,8 @@
 //! A layer of a transparent map may stand for several surfaces: `count` of them, evenly from `first` to its
 //! own inverse depth, each with the transmittance `through` (Section 5.1).
 
+use glam::Vec4;
+
 use super::quadtree::Quad;
 use super::views::LayerView;
 
@@ -58,6 +60,42 @@ impl Piece {
     }
 }
 
+/// One layer of 2×2 texels, in the order of [`Quad`]'s children.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(C, align(32))]
+pub struct Block {
+    /// [`Piece::inverse_depth`] of each.
+    pub inverse_depth: [f32; 4],
+    /// Their slopes, as a piece keeps them.
+    pub slope: [u32; 4],
+}
+
+impl Block {
+    /// The piece of one of its texels.
+    #[inline(always)]
+    pub fn piece(&self, child: usize) -> Piece {
+        Piece {
+            inverse_depth: self.inverse_depth[child],
+            slope: self.slope[child],
+        }
+    }
+
+    /// Sets the piece of one of its texels.
+    #[inline(always)]
+    pub fn set(&mut self, child: usize, piece: Piece) {
+        (self.inverse_depth[child], self.slope[child]) = (piece.inverse_depth, piece.slope);
+    }
+
+    /// Slopes along rows and along columns.
+    #[inline(always)]
+    pub fn slopes(&self) -> [Vec4; 2] {
+        [
+            Vec4::from_array(self.slope.map(|s| f32::from_bits(s & 0xffff_0000))),
+            Vec4::from_array(self.slope.map(|s| f32::from_bits(s << 16))),
+        ]
+    }
+}
+
 /// What a layer of a transparent map does to light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]
@@ -89,12 +127,34 @@ pub struct Level {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// The layers of each texel, row by row, the nearest to the eye first.
-    pub pieces: Vec<Piece>,
-    /// What they let through; empty where all are opaque.
-    pub media: Vec<Medium>,
+    /// The layers of each 2×2 texels, these row by row, the nearest to the eye first: tracing looks at four
+    /// texels at once.
+    pub blocks: Vec<Block>,
+    /// What they let through, four for each block; empty where all are opaque.
+    pub media: Vec<[Medium; 4]>,
     /// Of each 2×2 texels, row by row, what they hold: see [`Quad`].
     pub quads: Vec<Quad>,
+}
+
+impl Level {
+    /// An empty level.
+    pub fn new(width: usize, height: usize, layers: usize, transparent: bool) -> Self {
+        let blocks = width.div_ceil(2) * height.div_ceil(2) * layers;
+        Level {
+            width,
+            height,
+            blocks: vec![Block::default(); blocks],
+            media: vec![[Medium::NONE; 4]; if transparent { blocks } else { 0 }],
+            quads: Vec::new(),
+        }
+    }
+
+    /// Where the first layer of a texel is in `blocks` and `media`, and which of the four it is.
+    #[inline(always)]
+    pub fn place(&self, x: usize, y: usize, layers: usize) -> (usize, usize) {
+        let block = (y / 2 * self.width.div_ceil(2) + x / 2) * layers;
+        (block, y % 2 * 2 + x % 2)
+    }
 }
 
 /// A layered shadow map.
@@ -112,9 +172,27 @@ impl LayerMap {
     /// Bytes of its arrays.
     pub fn bytes(&self) -> usize {
         let of = |l: &Level| {
-            size_of_val(&l.pieces[..]) + size_of_val(&l.media[..]) + size_of_val(&l.quads[..])
+            size_of_val(&l.blocks[..]) + size_of_val(&l.media[..]) + size_of_val(&l.quads[..])
         };
         self.levels.iter().map(of).sum()
+    }
+
+    /// The layers of a texel at full resolution, the nearest to the eye first.
+    #[inline]
+    pub fn texel(&self, x: usize, y: usize) -> impl Iterator<Item = Piece> {
+        let (at, child) = self.levels[0].place(x, y, self.layers);
+        let blocks = self.levels[0].blocks[at..at + self.layers].iter();
+        blocks
+            .map(move |b| b.piece(child))
+            .take_while(Piece::is_some)
+    }
+
+    /// What the layers of a texel let through, if the map is transparent; otherwise nothing.
+    #[inline]
+    pub fn texel_media(&self, x: usize, y: usize) -> impl Iterator<Item = Medium> {
+        let (at, child) = self.levels[0].place(x, y, self.layers);
+        let media = self.levels[0].media.iter().skip(at).take(self.layers);
+        media.map(move |m| m[child]).take_while(|m| m.count > 0)
     }
 
     /// Whether some of its layers let light through.

@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use super::map::{LayerMap, Level, Medium, Piece};
+use super::map::{LayerMap, Level, Piece};
 
 /// What four siblings of the quadtree hold, the children `(2x, 2y)`, `(2x + 1, 2y)`, `(2x, 2y + 1)`,
 /// `(2x + 1, 2y + 1)` of their parent `(x, y)`.
@@ -84,9 +84,10 @@ pub fn add_levels(map: &mut LayerMap) {
 fn texels(level: &Level, k: usize) -> Vec<Node> {
     let (width, height) = (level.width, level.height);
     let first = |x: usize, y: usize| {
-        let at = (y * width + x) * k;
-        let opaque = level.media.get(at).is_none_or(|m| m.through == 0.0);
-        (opaque && level.pieces[at].is_some()).then(|| level.pieces[at])
+        let (at, child) = level.place(x, y, k);
+        let opaque = level.media.get(at).is_none_or(|m| m[child].through == 0.0);
+        let piece = level.blocks[at].piece(child);
+        (opaque && piece.is_some()).then_some(piece)
     };
     // Two pieces are of one surface where their planes, at the border between them, are no farther apart than
     // one of them rises over a texel.
@@ -102,16 +103,17 @@ fn texels(level: &Level, k: usize) -> Vec<Node> {
     };
     let row = |y: usize| {
         (0..width).map(move |x| {
-            let at = (y * width + x) * k;
+            let (at, child) = level.place(x, y, k);
             let mut node = NOTHING;
-            for (i, piece) in level.pieces[at..at + k].iter().enumerate() {
+            for (i, block) in level.blocks[at..at + k].iter().enumerate() {
+                let piece = block.piece(child);
                 if !piece.is_some() {
                     break;
                 }
                 let nearest = level
                     .media
                     .get(at + i)
-                    .map_or(piece.inverse_depth, |m| m.first);
+                    .map_or(piece.inverse_depth, |m| m[child].first);
                 // A plane may reach beyond the eye's horizon within a texel; nothing does.
                 node.low = node
                     .low
@@ -194,59 +196,56 @@ fn parents(nodes: &[Node], width: usize, height: usize) -> Vec<Node> {
 /// A map of half the resolution, with one of each 2×2 texels; of those that exist.
 fn coarser(level: &Level, k: usize, number: u32) -> Level {
     let (width, height) = (level.width.div_ceil(2), level.height.div_ceil(2));
-    let mut out = Level {
-        width,
-        height,
-        pieces: vec![Piece::default(); width * height * k],
-        media: Vec::new(),
-        quads: Vec::new(),
-    };
-    if !level.media.is_empty() {
-        out.media = vec![Medium::NONE; width * height * k];
-    }
-    let source = |x: usize, y: usize| {
+    let mut out = Level::new(width, height, k, !level.media.is_empty());
+    let across = width.div_ceil(2);
+    // The texel of the finer level that stands for one of a block, and which of its four it is.
+    let source = |block: usize, child: usize| {
+        let (x, y) = (
+            block % across * 2 + child % 2,
+            block / across * 2 + child / 2,
+        );
         let pick = hash(x as u32, y as u32, number);
-        let (i, j) = (pick & 1, pick >> 1 & 1);
-        let inside = 2 * x + (i as usize) < level.width && 2 * y + (j as usize) < level.height;
+        let (i, j) = ((pick & 1) as usize, (pick >> 1 & 1) as usize);
         // A texel beyond the border is empty.
-        let at = ((2 * y + j as usize) * level.width + 2 * x + i as usize) * k;
-        (inside.then_some(at), [i, j])
+        let inside = 2 * x + i < level.width && 2 * y + j < level.height;
+        inside.then(|| (level.place(2 * x + i, 2 * y + j, k), [i, j]))
     };
-    out.pieces
-        .par_chunks_mut(width * k)
+    out.blocks
+        .par_chunks_mut(k)
         .enumerate()
-        .for_each(|(y, row)| {
-            for (x, texel) in row.chunks_exact_mut(k).enumerate() {
-                let (Some(at), [i, j]) = source(x, y) else {
+        .for_each(|(block, layers)| {
+            for child in 0..4 {
+                let Some(((at, from), [i, j])) = source(block, child) else {
                     continue;
                 };
-                for (to, from) in texel.iter_mut().zip(&level.pieces[at..at + k]) {
-                    if !from.is_some() {
+                for (to, piece) in layers.iter_mut().zip(&level.blocks[at..at + k]) {
+                    let piece = piece.piece(from);
+                    if !piece.is_some() {
                         break;
                     }
                     // From the middle of the finer texel to that of the coarser.
-                    let [sx, sy] = from.slope();
+                    let [sx, sy] = piece.slope();
                     let shift = sx * (0.5 - i as f32) + sy * (0.5 - j as f32);
-                    let moved = from.inverse_depth + shift;
+                    let moved = piece.inverse_depth + shift;
                     let inverse_depth = if moved > 0.0 {
                         moved
                     } else {
-                        from.inverse_depth
+                        piece.inverse_depth
                     };
-                    *to = Piece::new(inverse_depth, [2.0 * sx, 2.0 * sy]);
+                    to.set(child, Piece::new(inverse_depth, [2.0 * sx, 2.0 * sy]));
                 }
             }
         });
-    out.media
-        .par_chunks_mut((width * k).max(1))
-        .enumerate()
-        .for_each(|(y, row)| {
-            for (x, texel) in row.chunks_exact_mut(k).enumerate() {
-                if let (Some(at), _) = source(x, y) {
-                    texel.copy_from_slice(&level.media[at..at + k]);
+    let media = out.media.par_chunks_mut(k).enumerate();
+    media.for_each(|(block, layers)| {
+        for child in 0..4 {
+            if let Some(((at, from), _)) = source(block, child) {
+                for (to, medium) in layers.iter_mut().zip(&level.media[at..at + k]) {
+                    to[child] = medium[from];
                 }
             }
-        });
+        }
+    });
     out
 }
 

@@ -21,7 +21,7 @@
 
 use glam::{DVec3, Vec4};
 
-use super::map::LayerMap;
+use super::map::{LayerMap, Level};
 use super::masks::{Axis, BINS, Mask};
 use super::quadtree::Quad;
 use crate::simd::{LANES, Lanes, Row, detect, dispatch};
@@ -259,6 +259,8 @@ impl Walk<'_> {
         } else {
             None
         };
+        // The children whose own pieces are to be looked at.
+        let mut leaves = 0;
         for i in 0..4 {
             if some >> i & 1 == 0 || u0[i] >= u1[i] || v0[i] >= v1[i] {
                 continue;
@@ -278,94 +280,192 @@ impl Walk<'_> {
                     continue;
                 }
             }
-            let (cx, cy) = (2 * x + (i as u32 & 1), 2 * y + (i as u32 >> 1));
             if near[i] > from {
-                let range = [far[i], quad.high[i] - self.w];
-                // SAFETY: the caller enabled the features of `S`.
-                unsafe {
-                    self.texel::<S>(level, cx, cy, [from, to.min(end)], range, transparent, seen);
-                }
+                leaves |= 1 << i;
             }
             if level > 0 && far[i] <= from {
-                stack.push((level - 1, cx, cy));
+                stack.push((level - 1, 2 * x + (i as u32 & 1), 2 * y + (i as u32 >> 1)));
+            }
+        }
+        if leaves != 0 {
+            let four = Four {
+                left: Vec4::new(u, u + size, u, u + size),
+                upper: Vec4::new(v, v, v + size, v + size),
+                size,
+                band: [from, to.min(end)],
+                range: [far, Vec4::from_array(quad.high) - w],
+            };
+            let at = (y as usize * across + x as usize) * self.map.layers;
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe { self.pieces::<S>(data, at, leaves, &four, transparent, seen) };
+        }
+    }
+
+    /// Removes what the pieces of four texels hide, those that lie in a band of depths over the receiver.
+    #[inline(always)]
+    unsafe fn pieces<S: Lanes>(
+        &self,
+        data: &Level,
+        at: usize,
+        leaves: u32,
+        four: &Four,
+        transparent: bool,
+        seen: &mut Seen,
+    ) {
+        let k = self.map.layers;
+        let w = Vec4::splat(self.w);
+        let [from, to] = four.band.map(Vec4::splat);
+        let mut before = [1.0f32; 4];
+        for (i, block) in data.blocks[at..at + k].iter().enumerate() {
+            let depths = Vec4::from_array(block.inverse_depth) - w;
+            if !transparent {
+                let ahead = depths.cmpgt(from).bitmask() & leaves;
+                // The layers behind lie deeper still.
+                if ahead == 0 {
+                    return;
+                }
+                let active = ahead & depths.cmple(to).bitmask();
+                if active != 0 {
+                    let slopes = block.slopes();
+                    self.met(active, depths, slopes, four, |_, hidden| {
+                        seen.open = seen.open.without(hidden);
+                    });
+                }
+                continue;
+            }
+            let media = &data.media[at + i];
+            let first = Vec4::from_array(media.map(|m| m.first)) - w;
+            let (mut through, mut places) = ([1.0f32; 4], [0u32; 4]);
+            let mut most = 0;
+            for c in 0..4 {
+                let medium = &media[c];
+                let drop = before[c] - medium.visibility;
+                before[c] = if medium.visibility <= self.how.threshold {
+                    1.0
+                } else {
+                    medium.visibility
+                };
+                if leaves >> c & 1 == 0 || medium.count == 0 {
+                    continue;
+                }
+                // Surfaces lie evenly from the first to the last; at most so many places are told apart.
+                places[c] = medium.count.min(MOST_PLACES);
+                most = most.max(places[c]);
+                through[c] = if self.how.subtract {
+                    drop / places[c] as f32
+                } else if places[c] == medium.count {
+                    medium.through
+                } else {
+                    medium.through.powf(medium.count as f32 / places[c] as f32)
+                };
+            }
+            if most == 0 {
+                continue;
+            }
+            let gaps = places.map(|p| p.saturating_sub(1).max(1) as f32);
+            let step = (first - depths) / Vec4::from_array(gaps);
+            let slopes = block.slopes();
+            for place in 0..most {
+                let depths = first - step * place as f32;
+                let here = (0..4).fold(0, |m, c| m | u32::from(place < places[c]) << c);
+                let active = here & depths.cmpgt(from).bitmask() & depths.cmple(to).bitmask();
+                if active != 0 {
+                    self.met(active, depths, slopes, four, |c, met| {
+                        // SAFETY: the caller enabled the features of `S`.
+                        unsafe { self.attenuate::<S>(met & seen.open, through[c], seen) };
+                    });
+                }
             }
         }
     }
 
-    /// Removes what the pieces of a texel hide, those that lie in a band of depths over the receiver.
+    /// Calls `with` for the active ones of four pieces, and the samples whose segments cross them.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "one call, inlined")]
-    unsafe fn texel<S: Lanes>(
+    fn met(
         &self,
-        level: u32,
-        x: u32,
-        y: u32,
-        band: [f32; 2],
-        range: [f32; 2],
-        transparent: bool,
-        seen: &mut Seen,
+        active: u32,
+        depths: Vec4,
+        [gx, gy]: [Vec4; 2],
+        four: &Four,
+        mut with: impl FnMut(usize, Mask),
     ) {
-        let data = &self.map.levels[level as usize];
-        let k = self.map.layers;
-        let at = (y as usize * data.width + x as usize) * k;
-        let size = (1u64 << level) as f32;
-        let side = |i: usize, at: u32| (f64::from(at) * f64::from(size) - self.place[i]) as f32;
-        let (u, v) = (side(0, x), side(1, y));
-        let sides = Vec4::new(u, u + size, v, v + size);
-        let mut before = 1.0;
-        for (i, piece) in data.pieces[at..at + k].iter().enumerate() {
-            if !piece.is_some() {
-                return;
-            }
-            let depth = piece.inverse_depth - self.w;
-            if !transparent {
-                if depth <= band[0] {
-                    return;
+        let half = Vec4::splat(0.5);
+        let size = Vec4::splat(four.size);
+        let (left, upper) = (four.left, four.upper);
+        let (u, v) = (left + size * half, upper + size * half);
+        let mut active = active & self.stand_clear(depths, [gx, gy], u, v, size);
+        if active == 0 {
+            return;
+        }
+        let (right, lower) = (left + size, upper + size);
+        let (hx, hy) = (gx * half, gy * half);
+        let sides = [left, right, upper, lower];
+        let at_sides = [depths - hx, depths + hx, depths - hy, depths + hy];
+        let behind = at_sides.map(|d| d.cmple(Vec4::ZERO).bitmask());
+        let mut sides = sides;
+        if (behind[0] | behind[1] | behind[2] | behind[3]) & active != 0 {
+            cut(&mut sides, &at_sides, four.size);
+        }
+        // Within what the node holds, which bounds planes that rise beyond the surface.
+        let high = four.range[1].max(four.range[0]);
+        let at_sides = at_sides.map(|d| d.max(four.range[0]).min(high));
+        let [su, sv] = self.scale.map(Vec4::splat);
+        let [ou, ov] = self.offset.map(Vec4::splat);
+        let scaled = [sides[0] * su, sides[1] * su, sides[2] * sv, sides[3] * sv];
+        let mut low = [Vec4::ZERO; 4];
+        for i in 0..4 {
+            low[i] = scaled[i] / at_sides[i];
+        }
+        let mut far = low;
+        if self.how.thickness > 0.0 {
+            for i in 0..4 {
+                let w = Vec4::splat(self.w) + at_sides[i];
+                let thick = w * w * self.how.thickness;
+                let other = [
+                    at_sides[i] + thick,
+                    (at_sides[i] - thick).max(Vec4::splat(TINY)),
+                ];
+                for depths in other {
+                    let x = scaled[i] / depths;
+                    (low[i], far[i]) = (low[i].min(x), far[i].max(x));
                 }
-                if depth > band[1] || !self.stands_clear(piece.inverse_depth, piece.slope(), sides)
-                {
-                    continue;
-                }
-                let hidden = self.samples(depth, piece.slope(), sides, size, range);
-                seen.open = seen.open.without(hidden);
-                continue;
             }
-            let medium = &data.media[at + i];
-            let (first, drop) = (medium.first - self.w, before - medium.visibility);
-            before = medium.visibility;
-            if before <= self.how.threshold {
-                before = 1.0;
+        }
+        let u0 = bins(low[0].min(low[1]) - ou);
+        let u1 = bins(far[0].max(far[1]) - ou);
+        let v0 = bins(low[2].min(low[3]) - ov);
+        let v1 = bins(far[2].max(far[3]) - ov);
+        let [columns, rows] = self.pencil.axes;
+        while active != 0 {
+            let c = active.trailing_zeros() as usize & 3;
+            active &= active - 1;
+            if u0[c] < u1[c] && v0[c] < v1[c] {
+                with(
+                    c,
+                    columns.between(u0[c], u1[c]) & rows.between(v0[c], v1[c]),
+                );
             }
-            if first <= band[0] {
-                return;
-            }
-            // Surfaces lie evenly from the first to the last; at most so many places are told apart.
-            let places = medium.count.min(MOST_PLACES);
-            let step = if places > 1 {
-                (first - depth) / (places - 1) as f32
-            } else {
-                0.0
-            };
-            let each = medium.count as f32 / places as f32;
-            let through = if self.how.subtract {
-                drop / places as f32
-            } else if each == 1.0 {
-                medium.through
-            } else {
-                medium.through.powf(each)
-            };
-            for place in 0..places {
-                let depth = first - step * place as f32;
-                if depth <= band[0] || depth > band[1] {
-                    continue;
-                }
-                if !self.stands_clear(depth + self.w, piece.slope(), sides) {
-                    continue;
-                }
-                let met = self.samples(depth, piece.slope(), sides, size, range) & seen.open;
-                // SAFETY: the caller enabled the features of `S`.
-                unsafe { self.attenuate::<S>(met, through, seen) };
-            }
+        }
+    }
+
+    /// Which of four pieces are occluders, and not the surface that the receiver lies on.
+    #[inline(always)]
+    fn stand_clear(&self, depths: Vec4, [gx, gy]: [Vec4; 2], u: Vec4, v: Vec4, size: Vec4) -> u32 {
+        let w = depths + Vec4::splat(self.w);
+        let next_to = u.abs().cmple(size) & v.abs().cmple(size);
+        if self.has_plane {
+            let [a, b, c] = self.pencil.plane.map(Vec4::splat);
+            let (across, down, up) = (a * u, b * v, c * depths);
+            let margin = (across.abs() + down.abs() + c.abs() * w) * ROUNDING + w * self.how.bias;
+            let rise = ((a * size + c * gx).abs() + (b * size + c * gy).abs()) * 0.5;
+            let margin = margin + Vec4::select(next_to, rise, Vec4::ZERO);
+            (across + down + up).cmpgt(margin).bitmask()
+        } else {
+            let (across, down) = (gx * (u / size), gy * (v / size));
+            let margin = (across.abs() + down.abs() + w) * ROUNDING + w * (self.how.bias * self.w);
+            let rise = (gx.abs() + gy.abs()) * 0.5;
+            let margin = margin + Vec4::select(next_to, rise, Vec4::ZERO);
+            (depths - across - down).abs().cmpgt(margin).bitmask()
         }
     }
 
@@ -396,83 +496,18 @@ impl Walk<'_> {
         }
         seen.open = seen.open.without(done);
     }
+}
 
-    /// Whether a piece is an occluder, and not the surface that the receiver lies on.
-    #[inline(always)]
-    fn stands_clear(&self, w: f32, [gx, gy]: [f32; 2], sides: Vec4) -> bool {
-        let [left, right, upper, lower] = sides.to_array();
-        let size = right - left;
-        let (u, v) = (0.5 * (left + right), 0.5 * (upper + lower));
-        let depth = w - self.w;
-        let next_to = u.abs() <= size && v.abs() <= size;
-        if self.has_plane {
-            let [a, b, c] = self.pencil.plane;
-            let (across, down, up) = (a * u, b * v, c * depth);
-            let mut margin =
-                ROUNDING * (across.abs() + down.abs() + c.abs() * w) + self.how.bias * w;
-            if next_to {
-                margin += 0.5 * ((a * size + c * gx).abs() + (b * size + c * gy).abs());
-            }
-            across + down + up > margin
-        } else {
-            let (across, down) = (gx * (u / size), gy * (v / size));
-            let mut margin =
-                ROUNDING * (across.abs() + down.abs() + w) + self.how.bias * w * self.w;
-            if next_to {
-                margin += 0.5 * (gx.abs() + gy.abs());
-            }
-            (depth - across - down).abs() > margin
-        }
-    }
-
-    /// The samples whose segments cross a piece.
-    #[inline(always)]
-    fn samples(
-        &self,
-        depth: f32,
-        [gx, gy]: [f32; 2],
-        mut sides: Vec4,
-        size: f32,
-        range: [f32; 2],
-    ) -> Mask {
-        let change = Vec4::new(-0.5 * gx, 0.5 * gx, -0.5 * gy, 0.5 * gy);
-        let depths = Vec4::splat(depth) + change;
-        if depths.min_element() <= 0.0 {
-            sides = cut(sides, depths, size);
-        }
-        // Within what the node holds, which bounds planes that rise beyond the surface.
-        let depths = depths
-            .max(Vec4::splat(range[0]))
-            .min(Vec4::splat(range[1].max(range[0])));
-        let [su, sv] = self.scale;
-        let [ou, ov] = self.offset;
-        let offset = Vec4::new(ou, ou, ov, ov);
-        let sides = sides * Vec4::new(su, su, sv, sv);
-        let mut low = sides / depths;
-        let mut high = low;
-        if self.how.thickness > 0.0 {
-            let w = Vec4::splat(self.w) + depths;
-            let thick = w * w * self.how.thickness;
-            let other = [depths + thick, (depths - thick).max(Vec4::splat(TINY))];
-            for depths in other {
-                let x = sides / depths;
-                (low, high) = (low.min(x), high.max(x));
-            }
-        }
-        let (low, high) = ((low - offset).to_array(), (high - offset).to_array());
-        let all = Vec4::new(
-            low[0].min(low[1]),
-            high[0].max(high[1]),
-            low[2].min(low[3]),
-            high[2].max(high[3]),
-        );
-        let [u0, u1, v0, v1] = bins(all);
-        let [columns, rows] = self.pencil.axes;
-        if u0 >= u1 || v0 >= v1 {
-            return Mask::NONE;
-        }
-        columns.between(u0, u1) & rows.between(v0, v1)
-    }
+/// Four texels, as the receiver sees them.
+struct Four {
+    /// Their sides, from the receiver.
+    left: Vec4,
+    upper: Vec4,
+    size: f32,
+    /// Depths over the receiver that count.
+    band: [f32; 2],
+    /// Least and largest of what each node holds.
+    range: [Vec4; 2],
 }
 
 /// Places at which the surfaces of one layer are told apart.
@@ -480,16 +515,14 @@ const MOST_PLACES: u32 = 16;
 
 /// Moves the sides at which a piece is not before the receiver to where it reaches the receiver's depth.
 #[cold]
-fn cut(sides: Vec4, depths: Vec4, size: f32) -> Vec4 {
-    let mut sides = sides.to_array();
-    let depths = depths.to_array();
+fn cut(sides: &mut [Vec4; 4], depths: &[Vec4; 4], size: f32) {
     for axis in [0, 2] {
-        let (a, b) = (depths[axis], depths[axis + 1]);
-        if (a > 0.0) == (b > 0.0) {
-            continue;
+        for c in 0..4 {
+            let (a, b) = (depths[axis][c], depths[axis + 1][c]);
+            if (a > 0.0) != (b > 0.0) {
+                let at = sides[axis][c] + size * (a / (a - b));
+                sides[axis + usize::from(b <= 0.0)][c] = at;
+            }
         }
-        let at = sides[axis] + size * (a / (a - b));
-        sides[axis + usize::from(b <= 0.0)] = at;
     }
-    Vec4::from_array(sides)
 }
