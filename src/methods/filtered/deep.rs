@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::pcf::each_place;
-use super::region::{Region, Scratch, depth_at};
+use super::region::{Region, Scratch, Texel};
 use super::{Estimate, LightMaps, Settings};
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -21,7 +21,6 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::methods::layered::compress::Compression;
 use crate::methods::layered::construction::Layers;
-use crate::methods::layered::map::LayerMap;
 use crate::methods::wedges::contour::Casters;
 use crate::methods::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
@@ -113,19 +112,15 @@ impl Prepared for PreparedDeep {
 
 /// Both passes over a region's map.
 fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
-    let map = region.map;
-    let level = &map.levels[0];
     let (mut nearest, mut sum, mut count) = (0.0f32, 0.0f32, 0.0f32);
     scratch.place(region, region.nearest);
-    each_place(region, scratch, |_, _, x, y, texel, off| {
-        let piece = level.pieces[texel * map.layers];
-        if !piece.is_some() {
+    each_place(region, scratch, |_, _, x, y, texel| {
+        let Some((piece, w)) = region.layer(texel, 0) else {
             return;
-        }
+        };
         // A layer of several surfaces begins at its first one.
-        let medium = level.media.get(texel * map.layers);
-        let ahead = medium.map_or(0.0, |m| m.first - piece.inverse_depth);
-        let w = depth_at(piece, off) + ahead;
+        let medium = region.medium(texel, 0);
+        let w = w + medium.map_or(0.0, |m| m.first - piece.inverse_depth);
         if region.is_between(x, y, w) {
             nearest = nearest.max(w);
             sum += w;
@@ -141,37 +136,30 @@ fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
     };
     scratch.place(region, w.min(region.nearest));
     let mut through = std::mem::take(&mut scratch.through);
-    each_place(region, scratch, |row, lane, x, y, texel, off| {
-        through[row].0[lane] *= visibility(region, map, texel, x, y, off);
+    each_place(region, scratch, |row, lane, x, y, texel| {
+        through[row].0[lane] *= visibility(region, texel, x, y);
     });
     scratch.through = through;
 }
 
 /// The light that is left in a texel at the receiver's depth.
-fn visibility(
-    region: &Region<'_>,
-    map: &LayerMap,
-    texel: usize,
-    x: f32,
-    y: f32,
-    off: [f32; 2],
-) -> f32 {
-    let level = &map.levels[0];
-    let range = texel * map.layers..(texel + 1) * map.layers;
+fn visibility(region: &Region<'_>, texel: Texel, x: f32, y: f32) -> f32 {
     // Behind the layers so far of the texel's own ray, and to the receiver.
     let (mut before, mut out) = (1.0f32, 1.0);
-    for (i, &piece) in level.pieces[range.clone()].iter().enumerate() {
-        if !piece.is_some() || before <= 0.0 {
+    for layer in 0..region.map.layers {
+        let Some((piece, w)) = region.layer(texel, layer) else {
             break;
-        }
-        let w = depth_at(piece, off);
-        let Some(medium) = level.media.get(range.start + i) else {
+        };
+        let Some(medium) = region.medium(texel, layer) else {
             // Opaque surfaces only.
             if region.is_between(x, y, w) {
                 return 0.0;
             }
             continue;
         };
+        if before <= 0.0 {
+            break;
+        }
         let kept = medium.visibility / before;
         if region.is_between(x, y, w) {
             out *= kept;

@@ -17,7 +17,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::region::{Region, Scratch, depth_at};
+use super::region::{Region, Scratch, Texel};
 use super::{Estimate, LightMaps, MOST_LAYERS, Settings};
 use crate::control::Control;
 use crate::error::Result;
@@ -98,24 +98,21 @@ impl Prepared for PreparedPcf {
 
 /// Both passes over a region's map.
 fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
-    let map = region.map;
-    let pieces = &map.levels[0].pieces;
+    let layers = region.map.layers;
     // Of every layer the largest inverse depth of a blocker, their sum, and their number.
     let mut found = [(0.0f32, 0.0f32, 0.0f32); MOST_LAYERS as usize];
     scratch.place(region, region.nearest);
-    each_place(region, scratch, |_, _, x, y, texel, off| {
-        let texel = &pieces[texel * map.layers..(texel + 1) * map.layers];
-        for (&piece, found) in texel.iter().zip(&mut found) {
-            if !piece.is_some() {
+    each_place(region, scratch, |_, _, x, y, texel| {
+        for (layer, found) in found[..layers].iter_mut().enumerate() {
+            let Some((_, w)) = region.layer(texel, layer) else {
                 break;
-            }
-            let w = depth_at(piece, off);
+            };
             if region.is_between(x, y, w) {
                 *found = (found.0.max(w), found.1 + w, found.2 + 1.0);
             }
         }
     });
-    for (layer, &(nearest, sum, count)) in found[..map.layers].iter().enumerate() {
+    for (layer, &(nearest, sum, count)) in found[..layers].iter().enumerate() {
         if count == 0.0 {
             continue;
         }
@@ -125,9 +122,9 @@ fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
         };
         scratch.place(region, w.min(region.nearest));
         let mut through = std::mem::take(&mut scratch.through);
-        each_place(region, scratch, |row, lane, x, y, texel, off| {
-            let piece = pieces[texel * map.layers + layer];
-            if piece.is_some() && region.is_between(x, y, depth_at(piece, off)) {
+        each_place(region, scratch, |row, lane, x, y, texel| {
+            let found = region.layer(texel, layer);
+            if found.is_some_and(|(_, w)| region.is_between(x, y, w)) {
                 through[row].0[lane] = 0.0;
             }
         });
@@ -135,12 +132,12 @@ fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
     }
 }
 
-/// Calls `f` with row, lane, place, texel and place in it of every valid sample within the map.
+/// Calls `f` with row, lane, place and texel of every valid sample within the map.
 #[inline(always)]
 pub(super) fn each_place(
     region: &Region<'_>,
     scratch: &Scratch,
-    mut f: impl FnMut(usize, usize, f32, f32, usize, [f32; 2]),
+    mut f: impl FnMut(usize, usize, f32, f32, Texel),
 ) {
     let [xs, ys] = &scratch.places;
     for (row, &valid) in scratch.samples.valid.iter().enumerate() {
@@ -149,8 +146,8 @@ pub(super) fn each_place(
             if valid >> lane & 1 == 0 {
                 continue;
             }
-            if let Some((texel, off)) = region.texel(x, y) {
-                f(row, lane, x, y, texel, off);
+            if let Some(texel) = region.texel(x, y) {
+                f(row, lane, x, y, texel);
             }
         }
     }

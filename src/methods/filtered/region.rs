@@ -18,7 +18,7 @@ use glam::{DVec2, DVec3};
 
 use crate::camera::Camera;
 use crate::light::{Light, Shape};
-use crate::methods::layered::map::{LayerMap, Piece};
+use crate::methods::layered::map::{LayerMap, Medium, Piece};
 use crate::sampling::LightSamples;
 use crate::simd::{LANES, Row};
 
@@ -84,6 +84,14 @@ impl Source {
 fn part(from: f64, to: f64, z: f64) -> f64 {
     // Not a number, where both are equal, becomes 0.
     ((from - z) / (from - to)).max(0.0).min(1.0)
+}
+
+/// A place in a map: where the texel's first layer is, and how far off the texel's middle the place is.
+#[derive(Debug, Clone, Copy)]
+pub struct Texel {
+    at: usize,
+    child: usize,
+    off: [f32; 2],
 }
 
 /// A receiver in a map, with what may be between it and the light.
@@ -268,27 +276,37 @@ impl<'a> Region<'a> {
         ((z - first) / (last - first)).max(0.0).min(1.0)
     }
 
-    /// Index of the texel at an image point, and the point's place off its middle.
+    /// The texel at an image point.
     #[inline(always)]
-    pub fn texel(&self, x: f32, y: f32) -> Option<(usize, [f32; 2])> {
+    pub fn texel(&self, x: f32, y: f32) -> Option<Texel> {
         let level = &self.map.levels[0];
-        // Negative and NaN become 0 as integers, and are told from it before.
+        // What is not a number fails both.
         if x >= 0.0 && y >= 0.0 {
             let (column, row) = (x as usize, y as usize);
             if column < level.width && row < level.height {
                 let off = [x - column as f32 - 0.5, y - row as f32 - 0.5];
-                return Some((row * level.width + column, off));
+                let (at, child) = level.place(column, row, self.map.layers);
+                return Some(Texel { at, child, off });
             }
         }
         None
     }
-}
 
-/// Inverse depth of a piece at a place off its texel's middle.
-#[inline(always)]
-pub fn depth_at(piece: Piece, off: [f32; 2]) -> f32 {
-    let [x, y] = piece.slope();
-    piece.inverse_depth + x * off[0] + y * off[1]
+    /// One of a texel's layers, `None` beyond the last; and its inverse depth at the place asked for.
+    #[inline(always)]
+    pub fn layer(&self, texel: Texel, layer: usize) -> Option<(Piece, f32)> {
+        let piece = self.map.levels[0].blocks[texel.at + layer].piece(texel.child);
+        let [x, y] = piece.slope();
+        let w = piece.inverse_depth + x * texel.off[0] + y * texel.off[1];
+        piece.is_some().then_some((piece, w))
+    }
+
+    /// What one of a texel's layers lets through, in a transparent map.
+    #[inline(always)]
+    pub fn medium(&self, texel: Texel, layer: usize) -> Option<Medium> {
+        let medium = self.map.levels[0].media.get(texel.at + layer);
+        medium.map(|m| m[texel.child])
+    }
 }
 
 /// A receiver's light samples, where they fall in a map, and what is left of them.

@@ -193,7 +193,9 @@ impl<'a> Tracer<'a> {
     /// Nearest piece of a texel.
     #[inline(always)]
     fn piece(&self, x: usize, y: usize) -> Piece {
-        self.map.levels[0].pieces[(y * self.map.levels[0].width + x) * self.map.layers]
+        let level = &self.map.levels[0];
+        let (at, child) = level.place(x, y, self.map.layers);
+        level.blocks[at].piece(child)
     }
 
     /// Walks a part that is within the map.
