@@ -40,10 +40,11 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/stubtest softshadow._core
 
-## Speed against Mitsuba, and the wedges' speed against error; see benches/README.md.
+## Speed against Mitsuba, and speed and errors of wedges and of shadow maps; see benches/README.md.
 bench: $(STAMP)
 	$(BIN)/python benches/mitsuba_speed.py
 	$(BIN)/python benches/wedges.py
+	$(BIN)/python benches/map_rivals.py
 
 clean:
 	rm -rf $(VENV) target demo

@@ -82,8 +82,9 @@ impl Source {
 /// How far along the segment from depth `from` to depth `to` the depth `z` is.
 #[inline(always)]
 fn part(from: f64, to: f64, z: f64) -> f64 {
+    let t = (from - z) / (from - to);
     // Not a number, where both are equal, becomes 0.
-    ((from - z) / (from - to)).max(0.0).min(1.0)
+    if t > 0.0 { t.min(1.0) } else { 0.0 }
 }
 
 /// A place in a map: where the texel's first layer is, and how far off the texel's middle the place is.
@@ -273,7 +274,8 @@ impl<'a> Region<'a> {
             self.floor
         };
         let (z, first, last) = (1.0 / w, 1.0 / first, 1.0 / last.max(f32::MIN_POSITIVE));
-        ((z - first) / (last - first)).max(0.0).min(1.0)
+        let part = (z - first) / (last - first);
+        if part > 0.0 { part.min(1.0) } else { 0.0 }
     }
 
     /// The texel at an image point.
@@ -363,7 +365,8 @@ impl Scratch {
         for r in 0..xs.len() {
             for lane in 0..LANES {
                 let to_light = zs[r].0[lane] - hz;
-                let t = (down / -to_light).max(0.0).min(1.0);
+                let t = down / -to_light;
+                let t = if t > 0.0 { t.min(1.0) } else { 0.0 };
                 let inverse = 1.0 / (hz + t * to_light);
                 places_x[r].0[lane] = (hx + t * (xs[r].0[lane] - hx)) * inverse;
                 places_y[r].0[lane] = (hy + t * (ys[r].0[lane] - hy)) * inverse;

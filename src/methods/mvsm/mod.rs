@@ -310,9 +310,7 @@ impl PreparedMvsm {
             });
             let blocker = again.or_else(|| blocker(views, tracers, &memory.places, to, start));
             seen += u32::from(blocker.is_none());
-            if blocker.is_some() {
-                latest = blocker;
-            }
+            latest = blocker;
             memory.blockers[i] = blocker;
         }
         seen as f32 / count as f32
