@@ -46,6 +46,7 @@ bench: $(STAMP)
 	$(BIN)/python benches/wedges.py
 	$(BIN)/python benches/accumulation.py
 	$(BIN)/python benches/single_sample.py
+	$(BIN)/python benches/map_rivals.py
 
 clean:
 	rm -rf $(VENV) target demo

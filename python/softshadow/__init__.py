@@ -20,8 +20,12 @@ from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
     Accumulation,
     Convolution,
+    DeepShadow,
     Hard,
     Method,
+    Mtsm,
+    Mvsm,
+    Pcf,
     RayTraced,
     ShadowVolume,
     SingleSample,
@@ -30,7 +34,7 @@ from softshadow.methods import (
     method_names,
 )
 from softshadow.render import Image, Prepared, prepare, render, visibility
-from softshadow.scene import Mesh, Scene, Spheres
+from softshadow.scene import Curves, Mesh, Scene, Spheres
 
 __all__ = [
     "Accumulation",
@@ -39,13 +43,18 @@ __all__ = [
     "Camera",
     "Comparison",
     "Convolution",
+    "Curves",
+    "DeepShadow",
     "DiskLight",
     "Hard",
     "Image",
     "Light",
     "Mesh",
     "Method",
+    "Mtsm",
+    "Mvsm",
     "ParameterError",
+    "Pcf",
     "Polygon",
     "Prepared",
     "RayTraced",

@@ -17,13 +17,14 @@ from softshadow._core import kernels as _kernels
 from softshadow.camera import Camera
 from softshadow.light import Light, Vector, as_vector
 from softshadow.methods import SingleSample, Ssoc, Wedges
-from softshadow.scene import Scene
+from softshadow.scene import Scene, _curve_arrays
 
 __all__ = [
     "OcclusionMaps",
     "PenumbraWedges",
     "accumulate",
     "attenuation",
+    "curve_tubes",
     "light_fraction_above",
     "light_intensity",
     "light_samples",
@@ -85,6 +86,37 @@ def mesh_edges(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> tuple[_Ints, _I
     """
     edges, counts = _kernels.mesh_edges(_points(vertices, "vertices"), _faces(faces))
     return edges, counts
+
+
+def curve_tubes(
+    points: npt.ArrayLike, offsets: npt.ArrayLike, radii: npt.ArrayLike, sides: int = 3
+) -> tuple[_Doubles, npt.NDArray[np.int64]]:
+    """Make curves into closed tubes, as `Scene.add_curves` does.
+
+    Cross-sections are regular polygons, without twist from point to point, mitred at bends and
+    closed by caps at both ends. Their perimeter is that of a circle of the curve's radius, so that
+    a tube looks as wide as a round one, averaged over the directions around it (Cauchy).
+
+    Parameters
+    ----------
+    points, offsets, radii, sides
+        As in `Scene.add_curves`.
+
+    Returns
+    -------
+    vertices : ndarray, shape (P * sides, 3), float64
+        `sides` around every point, in the points' order.
+    faces : ndarray, shape (F, 3), int64
+        Outward; a curve of n points has ``2 * sides * (n - 1) + 2 * (sides - 2)``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `Scene.add_curves`.
+    """
+    arrays = _curve_arrays("curves", points, offsets, radii)
+    vertices, faces = _kernels.curve_tubes("curves", *arrays, sides)
+    return vertices, faces
 
 
 def silhouette_edges(

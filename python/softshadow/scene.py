@@ -1,4 +1,4 @@
-"""The scene: meshes and spheres by name, with how they look and whether they cast and receive."""
+"""The scene: meshes, curves and spheres by name, how they look, whether they cast and receive."""
 
 from __future__ import annotations
 
@@ -53,6 +53,27 @@ class Mesh:
 
 
 @dataclass
+class Curves(Mesh):
+    """One entry of a scene: curves such as hair, and the mesh of tubes that stands for them.
+
+    Attributes
+    ----------
+    points : ndarray, shape (P, 3), float64
+        Object space.
+    offsets : ndarray, shape (C + 1,), int64
+        Curve ``c`` has the points ``offsets[c]`` to ``offsets[c + 1] - 1``.
+    radii : ndarray, shape (1,), (C,) or (P,), float64
+    sides : int
+        Flat sides of each tube.
+    """
+
+    points: npt.NDArray[np.float64]
+    offsets: npt.NDArray[np.int64]
+    radii: npt.NDArray[np.float64]
+    sides: int
+
+
+@dataclass
 class Spheres:
     """One entry of a scene: analytic spheres, exact outlines without triangles.
 
@@ -87,7 +108,7 @@ def _read(path: str | PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
 
 
 class Scene:
-    """Meshes and spheres that cast and receive shadows.
+    """Meshes, curves and spheres that cast and receive shadows.
 
     What `render` builds for a scene (adjacency, bounding volume hierarchy) is kept with it, and
     rebuilt or refitted where it changes.
@@ -116,7 +137,7 @@ class Scene:
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
-        """The entries that are triangle meshes."""
+        """The entries that are triangle meshes, curves included."""
         return tuple(e for e in self._entries.values() if isinstance(e, Mesh))
 
     @property
@@ -245,21 +266,84 @@ class Scene:
         self._entries[base] = Spheres(base, c, r, rgb, float(opacity), bool(casts), bool(receives))
         return base
 
+    def add_curves(
+        self,
+        points: npt.ArrayLike,
+        offsets: npt.ArrayLike,
+        radii: npt.ArrayLike,
+        opacity: float = 1.0,
+        name: str | None = None,
+        albedo: RGB = 0.8,
+        casts: bool = True,
+        receives: bool = True,
+        sides: int = 3,
+    ) -> str:
+        """Add curves, such as hair or grass, given as polylines.
+
+        Each becomes a closed tube of few flat sides (`softshadow.kernels.curve_tubes`), as wide on
+        average as a round one, so that every method sees the same body from everywhere. It is a
+        mesh like others to `set_transform`; `set_vertices` moves the curves' points.
+
+        Parameters
+        ----------
+        points : array_like, shape (P, 3)
+            World units; one curve after the other. Neighbours on a curve must differ.
+        offsets : array_like of int, shape (C + 1,)
+            Where curves start in `points`: curve ``c`` has the points ``offsets[c]`` to
+            ``offsets[c + 1] - 1``, two or more. The first is 0, the last is ``P``.
+        radii : array_like, a number or shape (C,) or (P,)
+            Of all, of each curve, or at each point; world units, positive.
+        opacity : float
+            Of a tube's surface, which a ray through a hair crosses twice, as that of any closed
+            body: ``1 - sqrt(1 - o)`` makes a hair that hides ``o`` of the light.
+        name, albedo, casts, receives
+            As in `add`.
+        sides : int
+            Flat sides of each tube, 3 to 64.
+
+        Returns
+        -------
+        str
+            The name.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit, a curve has fewer than two points or equal neighbours, a value is
+            not finite, a radius is not positive, or an option is out of range.
+        TypeError
+            If offsets are not integers.
+        """
+        base = self._free_name("curves") if name is None else name
+        p, o, r = _curve_arrays(f"curves {base!r}", points, offsets, radii)
+        rgb = as_rgb(albedo, f"curves {base!r}: albedo")
+        vertices, faces = _core.kernels.curve_tubes(f'curves "{base}"', p, o, r, sides)
+        self._core.add_mesh(base, vertices, faces, rgb, float(opacity), bool(casts), bool(receives))
+        self._entries[base] = Curves(
+            base,
+            *(vertices, faces, np.eye(4), rgb, float(opacity), bool(casts), bool(receives)),
+            *(p, o, r, int(sides)),
+        )
+        return base
+
     def copy(self) -> Scene:
         """Return an independent scene with the same entries, of which nothing is built yet."""
         other = Scene()
         for e in self._entries.values():
             look = (e.name, e.albedo, e.opacity, e.casts, e.receives)
-            if isinstance(e, Mesh):
+            if isinstance(e, Curves):
+                curves = (e.points, e.offsets, e.radii, e.opacity)
+                other.add_curves(*curves, e.name, e.albedo, e.casts, e.receives, e.sides)
+            elif isinstance(e, Mesh):
                 other.add((e.vertices, e.faces), *look)
-                if not np.array_equal(e.transform, np.eye(4)):
-                    other.set_transform(e.name, e.transform)
             else:
                 other.add_spheres(e.centers, e.radii, *look)
+            if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):
+                other.set_transform(e.name, e.transform)
         return other
 
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
-        """Place a mesh; its adjacency and the tree's topology are kept.
+        """Place a mesh or curves; its adjacency and the tree's topology are kept.
 
         Parameters
         ----------
@@ -280,22 +364,33 @@ class Scene:
         self._mesh(name).transform = m
 
     def set_vertices(self, name: str, vertices: npt.ArrayLike) -> None:
-        """Move a mesh's vertices, keeping its faces.
+        """Move a mesh's vertices, keeping its faces, or the points of curves, keeping their radii.
 
         Parameters
         ----------
         name : str
-            As returned by `add`.
+            As returned by `add` or `add_curves`.
         vertices : array_like, shape (V, 3)
-            Object space; as many as before. Vertices that were joined must stay equal.
+            Object space; as many as before. Vertices that were joined must stay equal. For curves
+            their points, shape (P, 3), from which their tubes are made anew.
 
         Raises
         ------
         ValueError
             If there is no such mesh, the count differs, a coordinate is not finite, or joined
-            vertices are torn apart.
+            vertices are torn apart; for curves as `add_curves`.
         """
         v = _as_vertices(vertices)
+        entry = self._entries.get(name)
+        if isinstance(entry, Curves):
+            what = f'curves "{name}"'
+            if v.shape != entry.points.shape:
+                count, got = len(entry.points), len(v)
+                raise ValueError(f"{what}: expected {count} points as before, got {got}")
+            tubes, _ = _core.kernels.curve_tubes(what, v, entry.offsets, entry.radii, entry.sides)
+            self._core.set_vertices(name, tubes)
+            entry.points, entry.vertices = v, tubes
+            return
         self._core.set_vertices(name, v)
         self._mesh(name).vertices = v
 
@@ -325,6 +420,27 @@ def _as_vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.float64]:
     if v.ndim != 2 or v.shape[1] != 3:
         raise ValueError(f"mesh: expected vertices of shape (V, 3), got {v.shape}")
     return v
+
+
+def _curve_arrays(
+    what: str, points: npt.ArrayLike, offsets: npt.ArrayLike, radii: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Return private, contiguous copies of the arrays of curves; the core checks their values."""
+    try:
+        p = np.array(points, dtype=np.float64, order="C")
+        r = np.atleast_1d(np.array(radii, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{what}: points and radii must be numbers ({error})") from None
+    o = np.asarray(offsets)
+    if p.ndim != 2 or p.shape[1] != 3:
+        raise ValueError(f"{what}: expected points of shape (P, 3), got {p.shape}")
+    if o.ndim != 1:
+        raise ValueError(f"{what}: expected offsets of shape (C + 1,), got {o.shape}")
+    if o.dtype.kind not in "iu" and o.size:
+        raise TypeError(f"{what}: offsets must be integers, got dtype {o.dtype}")
+    if r.ndim != 1:
+        raise ValueError(f"{what}: expected radii of shape (), (C,) or (P,), got {r.shape}")
+    return p, np.array(o, dtype=np.int64), r
 
 
 def _arrays(mesh: MeshLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:

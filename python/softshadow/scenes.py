@@ -6,20 +6,20 @@ The models are not part of softshadow; they come with packages that ``pip instal
 - the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
 - Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
 
-The figures of the papers (`softshadow.figures`) are built from scratch.
+The figures of the papers (`softshadow.figures`) are built from scratch, and so are a tree and a
+ball of fur; those and a statue (`softshadow.dense`) have the triangles that the methods are for.
 """
 
 from __future__ import annotations
 
 import math
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from softshadow.camera import Camera
+from softshadow.dense import fur_ball, statue, tree
 from softshadow.figures import (
     acute_triangle,
     growing_light,
@@ -29,6 +29,7 @@ from softshadow.figures import (
     two_lights,
 )
 from softshadow.light import RectLight
+from softshadow.models import city_path, missing, stanford_bunny, stanford_bunny_path
 from softshadow.scene import Scene
 from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
@@ -39,51 +40,18 @@ __all__ = [
     "city",
     "city_path",
     "closed_solids",
+    "fur_ball",
     "growing_light",
     "half_plane",
     "landscape",
     "overlapping_boards",
     "stanford_bunny_path",
+    "statue",
     "tilted_sheet",
+    "tree",
     "two_cylinders",
     "two_lights",
 ]
-
-_PACKAGES = {"pymeshfix": "pymeshfix==0.18.1", "sionna": "sionna-rt==2.2.0"}
-
-
-def _package_folder(package: str) -> Path | None:
-    """Return where a top-level package is installed, without importing it."""
-    spec = find_spec(package)
-    if spec is None or not spec.submodule_search_locations:
-        return None
-    return Path(next(iter(spec.submodule_search_locations)))
-
-
-def _missing(what: str, package: str) -> FileNotFoundError:
-    return FileNotFoundError(
-        f"{what} comes with the package {package}: pip install --no-deps {_PACKAGES[package]}"
-    )
-
-
-def stanford_bunny_path() -> Path | None:
-    """Return the Stanford bunny's PLY file, or None if ``pymeshfix`` is not installed."""
-    folder = _package_folder("pymeshfix")
-    path = folder / "examples" / "StanfordBunny.ply" if folder else None
-    return path if path is not None and path.is_file() else None
-
-
-def city_path(name: str = "munich") -> Path | None:
-    """Return the folder of a city's PLY files, or None if ``sionna-rt`` is not installed.
-
-    Parameters
-    ----------
-    name : str
-        ``"munich"`` or ``"san_francisco"`` (and what else the package has).
-    """
-    folder = _package_folder("sionna")
-    path = folder / "rt" / "scenes" / name / "meshes" if folder else None
-    return path if path is not None and path.is_dir() else None
 
 
 def bunny_on_plane(
@@ -109,17 +77,9 @@ def bunny_on_plane(
     FileNotFoundError
         If the model is not installed.
     """
-    path = stanford_bunny_path()
-    if path is None:
-        raise _missing("the Stanford bunny", "pymeshfix")
-    mesh = trimesh.load(path)
-    low, high = mesh.bounds
-    scale = 1.0 / (high[2] - low[2])
-    middle = 0.5 * (low + high)
-    vertices = (np.asarray(mesh.vertices) - [middle[0], middle[1], low[2]]) * scale
     scene = Scene()
     scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
-    scene.add((vertices, mesh.faces), name="bunny", albedo=(0.8, 0.75, 0.65))
+    scene.add(stanford_bunny(), name="bunny", albedo=(0.8, 0.75, 0.65))
     camera = Camera((0.4, -3.0, 1.8), (-0.15, 0.1, 0.35), (0, 0, 1), 36.0, width, height)
     return Setup(scene, camera, light_towards(light, (0.9, -0.6, 2.0), light_size, (0, 0, 0.3)))
 
@@ -155,7 +115,7 @@ def city(
     """
     path = city_path(name)
     if path is None:
-        raise _missing(f"the city {name!r}", "sionna")
+        raise missing(f"the city {name!r}", "sionna")
     files = sorted(path.glob("*.ply"))
     parts = [trimesh.load(file, process=False) for file in files]
     mesh = trimesh.util.concatenate([p for p in parts if isinstance(p, trimesh.Trimesh)])

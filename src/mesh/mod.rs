@@ -3,11 +3,13 @@
 //! - this file: [`TriMesh`], what every mesh is checked for, and which vertices are one;
 //! - [`adjacency`]: edges with all the triangles at them, manifold or not;
 //! - [`oriented`]: the faces without duplicates and wound alike;
-//! - [`silhouettes`]: the edges that bound what a point sees as the mesh's outline, and their loops.
+//! - [`silhouettes`]: the edges that bound what a point sees as the mesh's outline, and their loops;
+//! - [`tubes`]: curves made into closed tubes.
 
 pub mod adjacency;
 pub mod oriented;
 pub mod silhouettes;
+pub mod tubes;
 
 use std::sync::OnceLock;
 

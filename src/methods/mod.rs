@@ -2,7 +2,10 @@
 //!
 //! - [`accumulation`]: averaged hard-shadow textures;
 //! - [`convolution`]: hard shadows convolved with the light's image;
+//! - [`filtered`]: percentage-closer soft shadows and deep shadow maps;
 //! - [`hard`]: one shadow ray to the light's centre;
+//! - [`layered`]: ray-traced multilayer shadow maps;
+//! - [`mvsm`]: ray-traced multi-view shadow maps;
 //! - [`ray_traced`]: stratified light samples against the hierarchy, the reference;
 //! - [`single_sample`]: one shadow ray against soft-edged outer objects;
 //! - [`ssoc`]: the soft shadow occlusion camera;
@@ -14,7 +17,10 @@
 
 pub mod accumulation;
 pub mod convolution;
+pub mod filtered;
 pub mod hard;
+pub mod layered;
+pub mod mvsm;
 pub mod ray_traced;
 pub mod single_sample;
 pub mod ssoc;

@@ -22,7 +22,7 @@ use crate::sampling::POINT_OFFSET;
 
 /// Largest tangent of the angle off a single view's axis: beyond it a texel in the middle sees ten times the
 /// solid angle per texel that one at the border does, and a cube's faces are better.
-const WIDEST: f64 = 3.0;
+pub(super) const WIDEST: f64 = 3.0;
 
 /// Largest margin around what casts, as a tangent: a face of a cube then spends three quarters of its texels
 /// on its margin, and penumbrae that are wider than that come from occluders that all but touch the light.
@@ -33,10 +33,10 @@ const MARGIN: f64 = 1.0;
 const COMPARISONS: usize = 1 << 24;
 
 /// Triangles that one task measures: enough to outweigh a task.
-const CHUNK: usize = 4096;
+pub(super) const CHUNK: usize = 4096;
 
 /// How much coarser their faces are: what they cast on are points off every surface.
-const COARSER: u32 = 8;
+pub(super) const COARSER: u32 = 8;
 
 /// A view from the light's centre.
 #[derive(Debug, Clone)]
@@ -139,7 +139,7 @@ impl View {
 
 /// What of the casters a pyramid holds.
 #[derive(Clone, Copy)]
-struct Extent {
+pub(super) struct Extent {
     low: DVec2,
     high: DVec2,
     near: f64,
@@ -148,14 +148,14 @@ struct Extent {
 }
 
 impl Extent {
-    const NONE: Extent = Extent {
+    pub(super) const NONE: Extent = Extent {
         low: DVec2::INFINITY,
         high: DVec2::NEG_INFINITY,
         near: f64::INFINITY,
         open: false,
     };
 
-    fn union(self, other: Extent) -> Extent {
+    pub(super) fn union(self, other: Extent) -> Extent {
         Extent {
             low: self.low.min(other.low),
             high: self.high.max(other.high),
@@ -164,14 +164,14 @@ impl Extent {
         }
     }
 
-    fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.near == f64::INFINITY && !self.open
     }
 
     /// Of a triangle, cut to `|x|, |y| <= limit z` as far as its corners tell; with no limit, what is beside or
     /// behind the eye counts too.
     #[inline(always)]
-    fn of(corners: [DVec3; 3], limit: Option<f64>) -> Extent {
+    pub(super) fn of(corners: [DVec3; 3], limit: Option<f64>) -> Extent {
         let [a, b, c] = corners;
         if let Some(limit) = limit {
             // Positive beyond the side planes; beyond one of them with all corners, nothing is within.
@@ -305,7 +305,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
 }
 
 /// The face of a cube that looks along `sign` times column `axis` of `base`.
-fn look_face(base: DMat3, axis: usize, sign: f64) -> DMat3 {
+pub(super) fn look_face(base: DMat3, axis: usize, sign: f64) -> DMat3 {
     let forward = sign * base.col(axis);
     let right = base.col((axis + 1) % 3);
     DMat3::from_cols(right, forward.cross(right), forward).transpose()
@@ -326,7 +326,7 @@ fn middle_of(casters: &Casters) -> Option<DVec3> {
 
 /// What casts, without and only those triangles that have no vertex of the scene behind them as `eye` sees it.
 /// There are none of the latter if they are too many.
-fn split(casters: &Casters, eye: DVec3) -> (Vec<u32>, Vec<u32>) {
+pub(super) fn split(casters: &Casters, eye: DVec3) -> (Vec<u32>, Vec<u32>) {
     let geometry = casters.geometry();
     let positions = &geometry.positions;
     let all = || (casters.face_ranges().flatten().collect(), Vec::new());

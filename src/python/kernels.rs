@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 #[pymodule]
 pub(super) mod kernels {
     use glam::DVec3;
-    use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+    use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
     use pyo3::prelude::*;
     use rayon::prelude::*;
 
@@ -17,6 +17,7 @@ pub(super) mod kernels {
     use crate::geometry::Frame;
     use crate::mesh::TriMesh;
     use crate::mesh::silhouettes::{SilhouetteEdge, loops, silhouette_edges as find_silhouettes};
+    use crate::mesh::tubes::Curves;
     use crate::raster::nearest::{NONE, Nearest};
     use crate::raster::{rasterize as rasterize_into, tile_count};
     use crate::sampling::{LightSamples, Pattern, Sampler};
@@ -36,6 +37,8 @@ pub(super) mod kernels {
     type Ints1<'py> = Bound<'py, PyArray1<i32>>;
     type Floats2<'py> = Bound<'py, PyArray2<f32>>;
     type Floats1<'py> = Bound<'py, PyArray1<f32>>;
+    type Longs2<'py> = Bound<'py, PyArray2<i64>>;
+    type Doubles2<'py> = Bound<'py, PyArray2<f64>>;
     type Doubles1<'py> = Bound<'py, PyArray1<f64>>;
 
     fn mesh(
@@ -76,6 +79,26 @@ pub(super) mod kernels {
             (edges, counts)
         });
         Ok((arrays::rows(py, edges, 2)?, PyArray1::from_vec(py, counts)))
+    }
+
+    #[pyfunction]
+    fn curve_tubes<'py>(
+        py: Python<'py>,
+        what: &str,
+        points: PyReadonlyArray2<'py, f64>,
+        offsets: PyReadonlyArray1<'py, i64>,
+        radii: PyReadonlyArray1<'py, f64>,
+        sides: i64,
+    ) -> PyResult<(Doubles2<'py>, Longs2<'py>)> {
+        let points = arrays::points(&points, what)?;
+        let offsets = offsets.as_array().to_vec();
+        let radii = arrays::values(&radii);
+        let (vertices, faces) = py.detach(|| -> Result<_> {
+            let tubes = Curves::new(what, &points, &offsets, &radii, sides)?.tubes()?;
+            let vertices = tubes.vertices.iter().flat_map(|v| v.to_array()).collect();
+            Ok((vertices, tubes.faces.concat()))
+        })?;
+        Ok((arrays::rows(py, vertices, 3)?, arrays::rows(py, faces, 3)?))
     }
 
     #[pyfunction]

@@ -3,6 +3,7 @@
 //! - this file: the module, the exceptions, and [`run`], which releases the interpreter lock, answers
 //!   Ctrl-C and reports progress;
 //! - [`arrays`]: NumPy arrays to vectors of points and back;
+//! - [`filtered`]: the parameters of the rivals of ray-traced layered maps;
 //! - [`objects`]: scene, camera, light and method objects;
 //! - [`render`]: preparing and rendering;
 //! - [`kernels`]: the pieces, as functions from arrays to arrays;
@@ -13,6 +14,7 @@
 
 mod accumulation;
 mod arrays;
+mod filtered;
 mod kernels;
 mod objects;
 mod render;

@@ -7,6 +7,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::arrays;
+use super::filtered::{DeepParameters, MvsmParameters, PcfParameters};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
@@ -16,6 +17,7 @@ use crate::methods::accumulation::atlas::Layout;
 use crate::methods::accumulation::{Accumulation, Content};
 use crate::methods::convolution::Convolution;
 use crate::methods::hard::Hard;
+use crate::methods::layered::{Kind, Layered, Settings};
 use crate::methods::ray_traced::RayTraced;
 use crate::methods::single_sample::{Overlap as ObjectOverlap, SingleSample};
 use crate::methods::ssoc::Ssoc;
@@ -245,8 +247,38 @@ impl PyMethod {
     }
 
     #[staticmethod]
+    fn pcf(parameters: PcfParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
+    fn mvsm(parameters: MvsmParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
+    fn deep(parameters: DeepParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
     fn ssoc(parameters: SsocParameters) -> Result<Self> {
         Ok(PyMethod(Arc::new(parameters.parse()?)))
+    }
+
+    #[staticmethod]
+    fn slsm(parameters: LayeredParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse(Kind::Single)?)))
+    }
+
+    #[staticmethod]
+    fn mlsm(parameters: LayeredParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse(Kind::Multi)?)))
+    }
+
+    #[staticmethod]
+    fn mtsm(parameters: LayeredParameters) -> Result<Self> {
+        Ok(PyMethod(Arc::new(parameters.parse(Kind::Transparent)?)))
     }
 
     #[staticmethod]
@@ -407,6 +439,46 @@ impl SsocParameters {
     }
 }
 
+/// The parameters of layered shadow maps as Python has them: attributes of `softshadow.Slsm`, `Mlsm` and `Mtsm`.
+#[derive(FromPyObject)]
+pub(super) struct LayeredParameters {
+    resolution: i64,
+    layers: i64,
+    samples: i64,
+    seed: u64,
+    z_threshold: Option<f64>,
+    bias: f64,
+    detail: f64,
+    error: f64,
+    threshold: f64,
+    resets: i64,
+    crossing: String,
+    opacity: Option<String>,
+}
+
+impl LayeredParameters {
+    /// Checks them.
+    pub(super) fn parse(&self, kind: Kind) -> Result<Layered> {
+        let method = "Mtsm";
+        let crossings = [("multiply", false), ("subtract", true)];
+        let settings = Settings {
+            resolution: self.resolution,
+            layers: self.layers,
+            samples: self.samples,
+            seed: self.seed,
+            z_threshold: self.z_threshold,
+            bias: self.bias,
+            detail: self.detail,
+            error: self.error,
+            threshold: self.threshold,
+            resets: self.resets,
+            subtract: choice(method, "crossing", &self.crossing, &crossings)?,
+            opaque: parse_opaque(method, self.opacity.as_deref())?,
+        };
+        Layered::new(kind, settings)
+    }
+}
+
 /// The parameters of penumbra wedges as Python has them: attributes of `softshadow.Wedges`.
 #[derive(FromPyObject)]
 pub(super) struct WedgeParameters {
@@ -473,7 +545,12 @@ pub(super) fn parse_construction(vertex_angle: f64, planes: &str) -> Result<Cons
 }
 
 /// The value that a name stands for.
-fn choice<T: Copy>(method: &str, parameter: &str, name: &str, values: &[(&str, T)]) -> Result<T> {
+pub(super) fn choice<T: Copy>(
+    method: &str,
+    parameter: &str,
+    name: &str,
+    values: &[(&str, T)],
+) -> Result<T> {
     let found = values.iter().find(|v| v.0 == name);
     found.map(|v| v.1).ok_or_else(|| {
         let names: Vec<String> = values.iter().map(|v| format!("{:?}", v.0)).collect();
@@ -501,7 +578,7 @@ fn parse_counting(method: &str, name: &str) -> Result<Counting> {
     choice(method, "counting", name, &values)
 }
 
-fn parse_opaque(method: &str, name: Option<&str>) -> Result<bool> {
+pub(super) fn parse_opaque(method: &str, name: Option<&str>) -> Result<bool> {
     name.map_or(Ok(false), |name| {
         choice(method, "opacity", name, &[("opaque", true)])
     })

@@ -53,6 +53,9 @@ pub trait Sink: Send {
     /// inverse depth `inverse_depth[i]`. Triangles arrive in the order of their indices.
     fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], triangle: u32);
 
+    /// Is told of a triangle, or of a part of one that the near plane cuts, before its spans come.
+    fn surface(&mut self, _triangle: u32, _setup: &Setup) {}
+
     /// Whether the tile needs the fragments of a triangle at all; asked once before they come.
     fn wants(&mut self, _triangle: u32) -> bool {
         true
@@ -314,11 +317,13 @@ unsafe fn fill_lanes<S: Lanes>(
         let face = &faces[triangle as usize];
         if setup::is_in_front(face, points) {
             if let Some(setup) = setup::triangle(face, points, camera) {
+                sink.surface(triangle, &setup);
                 // SAFETY: the caller enabled the features of `S`.
                 unsafe { fill_one::<S>(&setup, triangle, tile, sink) };
             }
         } else {
             for setup in setup::clipped(face, points, camera).iter().flatten() {
+                sink.surface(triangle, setup);
                 // SAFETY: the caller enabled the features of `S`.
                 unsafe { fill_one::<S>(setup, triangle, tile, sink) };
             }

@@ -179,6 +179,18 @@ pub fn columns(crossings: &[Crossing; 3], y: u32, first: u32, last: u32) -> (u32
 }
 
 impl Setup {
+    /// Change of the inverse depth from column to column and from row to row.
+    #[inline(always)]
+    pub fn slope(&self) -> [f64; 2] {
+        [self.depth.x, self.depth.y]
+    }
+
+    /// Least and largest inverse depth of the corners.
+    #[inline(always)]
+    pub fn range(&self) -> [f64; 2] {
+        self.range
+    }
+
     /// Where the edges cross rows: for each edge the column in row 0 and its change from row to row, and more
     /// than rounding can be wrong by; positive `dy` bound from above, negative from below.
     #[inline(always)]

@@ -1,0 +1,156 @@
+"""Error and time of filtered and multi-view shadow maps on dense scenes: the paper's rivals.
+
+    python benches/map_rivals.py [--size 512] [--samples 256] [--repeats 3] [--quick]
+                                 [--parts errors growth times]
+
+Tables 1 and 2 and Figure 4 of Xie, Tabellion and Pearce 2007 for what they compare with;
+benches/README.md says how to read it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import statistics
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import softshadow as ss
+from softshadow.scenes import Setup
+
+RESULTS = Path(__file__).parent / "results"
+
+PARTS = ("errors", "growth", "times")
+
+RADII = (0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
+"""Half edges of the light in Figure 4's part, world units: the scenes are one unit across."""
+
+
+def scenes(size: int, quick: bool, **options: Any) -> dict[str, Setup]:
+    """Return the scenes; small ones for a smoke run."""
+    k: dict[str, Any] = {"width": size, "height": size} | options
+    few: dict[str, dict[str, int]] = {"statue": {}, "tree": {}, "fur": {}}
+    if quick:
+        few = {"statue": {"subdivisions": 0}, "tree": {"leaves": 10_000}}
+        few |= {"fur": {"triangles": 50_000}}
+    found = {
+        "statue": ss.scenes.statue(**few["statue"], **k),
+        "tree": ss.scenes.tree(**few["tree"], **k),
+        "translucent tree": ss.scenes.tree(opacity=0.5, **few["tree"], **k),
+        "fur ball": ss.scenes.fur_ball(**few["fur"], **k),
+    }
+    # The city is two units across, with narrow streets: its light is smaller.
+    if "light_size" not in options:
+        found["city"] = ss.scenes.city(light_size=0.4, **k)
+    return found
+
+
+def methods(setup: Setup, samples: int) -> dict[str, ss.Method]:
+    """Return what is compared on a scene: deep shadow maps where something is translucent."""
+    translucent = any(e.opacity < 1 for e in setup.scene.entries)
+    opacity = {"opacity": "opaque"} if translucent else {}
+    return {
+        "hard": ss.Hard(),
+        "pcf": ss.Pcf(**opacity),
+        "pcf, mean depth": ss.Pcf(estimate="mean", **opacity),
+        "pcf, 5 layers": ss.Pcf(layers=5, **opacity),
+        "deep": ss.DeepShadow(),
+        "mvsm": ss.Mvsm(samples=samples, **opacity),
+        "mvsm, 1 view": ss.Mvsm(views=1, samples=samples, **opacity),
+        "mtsm": ss.Mtsm(samples=samples),
+    }
+
+
+def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
+    """Print rows as they come and write them to a CSV."""
+    done: list[dict[str, Any]] = []
+    print(f"\n{name}", flush=True)
+    for row in rows:
+        if not done:
+            print(" | ".join(row))
+        values = row.values()
+        print(
+            " | ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in values), flush=True
+        )
+        done.append(row)
+    RESULTS.mkdir(exist_ok=True)
+    with (RESULTS / f"map_rivals_{name}.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(done[0]))
+        writer.writeheader()
+        writer.writerows(done)
+
+
+def measured(setup: Setup, chosen: dict[str, ss.Method], samples: int) -> Iterable[dict[str, Any]]:
+    """Yield errors against the reference with the light points that `mvsm` uses."""
+    exact = ss.render(
+        setup.scene, setup.camera, setup.light, ss.RayTraced(samples, pattern="fixed")
+    )
+    partly = exact.mask & (exact.visibility > 0.002) & (exact.visibility < 0.998)
+    for label, method in chosen.items():
+        image = ss.render(setup.scene, setup.camera, setup.light, method)
+        error = np.abs(image.visibility.astype(np.float64) - exact.visibility)
+        yield {
+            "method": label,
+            "penumbra": float(partly.sum() / exact.mask.sum()),
+            "mean": float(error[exact.mask].mean()),
+            "deviation": float(error[exact.mask].std()),
+            "mean in penumbra": float(error[partly].mean()),
+        }
+
+
+def errors(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
+    """Table 1: mean and standard deviation of the difference from the reference."""
+    for name, setup in scenes(options.size, options.quick).items():
+        for row in measured(setup, methods(setup, options.samples), options.samples):
+            yield {"scene": name} | row
+
+
+def growth(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
+    """Figure 4: error against the light's radius, on the statue."""
+    for radius in RADII:
+        setup = scenes(options.size, options.quick, light_size=2 * radius)["statue"]
+        for row in measured(setup, methods(setup, options.samples), options.samples):
+            yield {"radius": radius} | row
+
+
+def times(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
+    """Table 2: seconds of shading, and of preparing; the cases of a scene take turns."""
+    for name, setup in scenes(options.size, options.quick).items():
+        chosen = methods(setup, options.samples)
+        chosen["ray_traced"] = ss.RayTraced(options.samples)
+        chosen["ray_traced, cull=False"] = ss.RayTraced(options.samples, cull=False)
+        shade: dict[str, list[float]] = {label: [] for label in chosen}
+        prepare: dict[str, list[float]] = {label: [] for label in chosen}
+        for _ in range(options.repeats):
+            for label, method in chosen.items():
+                image = ss.render(setup.scene, setup.camera, setup.light, method)
+                shade[label].append(image.seconds["shade"])
+                prepare[label].append(image.seconds["prepare"])
+        for label in chosen:
+            yield {
+                "scene": name,
+                "method": label,
+                "shade": statistics.median(shade[label]),
+                "prepare": statistics.median(prepare[label]),
+            }
+
+
+def main() -> None:
+    """Run the parts that were asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--samples", type=int, default=256)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
+    parser.add_argument("--quick", action="store_true", help="a smoke run at 128²")
+    options = parser.parse_args()
+    if options.quick:
+        options.size, options.samples, options.repeats = 128, 64, 1
+    for part in options.parts:
+        table(part, globals()[part](options))
+
+
+if __name__ == "__main__":
+    main()

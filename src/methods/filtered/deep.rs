@@ -1,0 +1,176 @@
+//! Deep shadow maps (Lokovic and Veach 2000), filtered by the percentage-closer filter.
+//!
+//! A texel of a deep shadow map holds how visibility falls with depth along its ray, as a few vertices between
+//! which it is linear. Where the filter of [`super::pcf`] asks whether a place in the map is nearer than the
+//! receiver, this one asks how much light is left at the receiver's depth, and takes the mean. The region has two
+//! passes, as there, and the depth of what falls first stands for all of it. This is the method that the paper
+//! compares with on fur ("PCF or Deep").
+//!
+//! Assumptions and failures: those of [`super::pcf`]; self-shadowing of fur is soft and plausible, shadows
+//! on what is behind it are too wide. What lies behind the first opaque surface of a texel is not kept.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::pcf::each_place;
+use super::region::{Region, Scratch, Texel};
+use super::{Estimate, LightMaps, Settings};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::light::Light;
+use crate::methods::layered::compress::Compression;
+use crate::methods::layered::construction::Layers;
+use crate::methods::wedges::contour::Casters;
+use crate::methods::{Method, Prepared, Shading};
+use crate::receivers::Receivers;
+
+/// Visibility that counts as none: half an 8-bit step, which nothing shows.
+const NOTHING: f32 = 1.0 / 512.0;
+
+/// Deep shadow maps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DeepShadow {
+    /// What it shares with percentage-closer soft shadows.
+    pub settings: Settings,
+    /// Largest error that compressing a texel's visibility may make.
+    pub error: f32,
+}
+
+impl DeepShadow {
+    /// Checks and stores the parameters.
+    ///
+    /// # Errors
+    /// An error outside 0 to 1.
+    pub fn new(settings: Settings, error: f64) -> Result<Self> {
+        if !(0.0..=1.0).contains(&error) {
+            let reason = format!("error must be 0 to 1, got {error}");
+            return Err(Error::parameter("DeepShadow", reason));
+        }
+        Ok(DeepShadow {
+            settings,
+            error: error as f32,
+        })
+    }
+}
+
+impl Method for DeepShadow {
+    fn name(&self) -> &'static str {
+        "deep"
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        let casters = Casters::new(self.name(), geometry, true)?;
+        let layers = Layers {
+            count: self.settings.layers,
+            compression: Compression {
+                error: self.error,
+                threshold: NOTHING,
+                resets: 0,
+            },
+            opaque: false,
+        };
+        let start = Instant::now();
+        let maps = lights.iter().enumerate().map(|(i, light)| {
+            LightMaps::new(light, i as u32, &casters, &self.settings, &layers, control)
+        });
+        Ok(Box::new(PreparedDeep {
+            maps: maps.collect::<Result<_>>()?,
+            seconds: start.elapsed().as_secs_f64(),
+        }))
+    }
+}
+
+struct PreparedDeep {
+    maps: Vec<LightMaps>,
+    seconds: f64,
+}
+
+impl Prepared for PreparedDeep {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+        let maps = &self.maps[light];
+        let estimate = maps.estimate;
+        maps.shade(receivers, control, |region, scratch| {
+            hide(region, estimate, scratch);
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        self.maps.iter().map(LightMaps::bytes).sum()
+    }
+
+    fn seconds(&self) -> Vec<(&'static str, f64)> {
+        vec![("deep shadow map", self.seconds)]
+    }
+}
+
+/// Both passes over a region's map.
+fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
+    let (mut nearest, mut sum, mut count) = (0.0f32, 0.0f32, 0.0f32);
+    scratch.place(region, region.nearest);
+    each_place(region, scratch, |_, _, x, y, texel| {
+        let Some((piece, w)) = region.layer(texel, 0) else {
+            return;
+        };
+        // A layer of several surfaces begins at its first one.
+        let medium = region.medium(texel, 0);
+        let w = w + medium.map_or(0.0, |m| m.first - piece.inverse_depth);
+        if region.is_between(x, y, w) {
+            nearest = nearest.max(w);
+            sum += w;
+            count += 1.0;
+        }
+    });
+    if count == 0.0 {
+        return;
+    }
+    let w = match estimate {
+        Estimate::Nearest => nearest,
+        Estimate::Mean => sum / count,
+    };
+    scratch.place(region, w.min(region.nearest));
+    let mut through = std::mem::take(&mut scratch.through);
+    each_place(region, scratch, |row, lane, x, y, texel| {
+        through[row].0[lane] *= visibility(region, texel, x, y);
+    });
+    scratch.through = through;
+}
+
+/// The light that is left in a texel at the receiver's depth.
+fn visibility(region: &Region<'_>, texel: Texel, x: f32, y: f32) -> f32 {
+    // Behind the layers so far of the texel's own ray, and to the receiver.
+    let (mut before, mut out) = (1.0f32, 1.0);
+    for layer in 0..region.map.layers {
+        let Some((piece, w)) = region.layer(texel, layer) else {
+            break;
+        };
+        let Some(medium) = region.medium(texel, layer) else {
+            // Opaque surfaces only.
+            if region.is_between(x, y, w) {
+                return 0.0;
+            }
+            continue;
+        };
+        if before <= 0.0 {
+            break;
+        }
+        let kept = medium.visibility / before;
+        if region.is_between(x, y, w) {
+            out *= kept;
+        } else if medium.count > 1 {
+            let first = w + (medium.first - piece.inverse_depth);
+            if region.is_between(x, y, first) {
+                // The receiver is among its surfaces: visibility is linear in depth from end to end.
+                out *= 1.0 + (kept - 1.0) * region.depth_part(x, y, first, w);
+            }
+        }
+        before = medium.visibility;
+    }
+    out
+}

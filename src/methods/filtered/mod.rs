@@ -1,0 +1,202 @@
+//! Soft shadows by filtering a shadow map: the rivals of ray-traced maps (Xie, Tabellion and Pearce 2007, Section 3).
+//!
+//! - [`pcf`]: percentage-closer soft shadows on one or several layers of depth, the *Antz* method;
+//! - [`deep`]: the same filter on deep shadow maps, for fur and what is translucent;
+//! - [`region`]: what both look at: the part of a map that can hide the light from a receiver.
+//!
+//! Neither follows a ray. All that is found in the filter's region and lies between receiver and light counts
+//! as if it were at one depth, which is where their errors come from, and why these grow with the light.
+
+pub mod deep;
+pub mod pcf;
+pub mod region;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::Shading;
+use super::layered::construction::{Layers, layer_map};
+use super::layered::map::LayerMap;
+use super::layered::views::{light_views, most_central};
+use super::wedges::contour::Casters;
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::light::Light;
+use crate::receivers::Receivers;
+use crate::sampling::{Pattern, Sampler};
+use region::{Region, Scratch, Source};
+
+/// Most light samples a receiver.
+pub const MOST_SAMPLES: i64 = 65536;
+
+/// Most layers of a map.
+pub const MOST_LAYERS: i64 = 64;
+
+/// Which depth stands for all blockers in a filter's region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Estimate {
+    /// The one nearest to the light (Section 3).
+    Nearest,
+    /// The mean of their inverse depths (after Fernando 2005): narrower, and without a step where another
+    /// blocker comes into the region.
+    Mean,
+}
+
+/// What both methods are told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Texels on the longer side of a map.
+    pub resolution: u32,
+    /// Layers of a texel.
+    pub layers: usize,
+    /// Light samples a receiver.
+    pub samples: usize,
+    /// Of the light samples.
+    pub seed: u64,
+    /// Which depth stands for all blockers.
+    pub estimate: Estimate,
+    /// How far off its tangent plane (without one: nearer to the light) a blocker has to be, world units; by
+    /// default a texel's width at the receiver.
+    pub bias: Option<f64>,
+}
+
+impl Settings {
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// A resolution outside 16 to 16384, layers, samples or a bias out of their ranges.
+    pub fn new(
+        method: &'static str,
+        [resolution, layers, samples]: [i64; 3],
+        seed: u64,
+        estimate: Estimate,
+        bias: Option<f64>,
+    ) -> Result<Self> {
+        let ranges = [
+            ("resolution", resolution, 16, 16384),
+            ("layers", layers, 1, MOST_LAYERS),
+            ("samples", samples, 1, MOST_SAMPLES),
+        ];
+        for (name, value, least, most) in ranges {
+            if !(least..=most).contains(&value) {
+                let reason = format!("{name} must be {least} to {most}, got {value}");
+                return Err(Error::parameter(method, reason));
+            }
+        }
+        if let Some(bias) = bias.filter(|b| !(b.is_finite() && *b >= 0.0)) {
+            let reason = format!("bias must be a finite number of at least 0, got {bias}");
+            return Err(Error::parameter(method, reason));
+        }
+        Ok(Settings {
+            resolution: resolution as u32,
+            layers: layers as usize,
+            samples: samples as usize,
+            seed,
+            estimate,
+            bias,
+        })
+    }
+}
+
+/// The maps of one light, its samples, and what a receiver in them needs.
+pub struct LightMaps {
+    light: Light,
+    sampler: Sampler,
+    /// Groups of views, of each of which a receiver looks into one.
+    groups: Vec<Vec<(LayerMap, Source)>>,
+    estimate: Estimate,
+    /// Local units.
+    bias: Option<f64>,
+}
+
+impl LightMaps {
+    /// Draws the maps of light number `number`, local.
+    ///
+    /// # Errors
+    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    pub fn new(
+        light: &Light,
+        number: u32,
+        casters: &Casters,
+        settings: &Settings,
+        layers: &Layers,
+        control: &Control,
+    ) -> Result<Self> {
+        let mut groups = Vec::new();
+        for views in light_views(light, casters, settings.resolution)?.groups {
+            let mut maps = Vec::with_capacity(views.len());
+            for view in views {
+                let source = Source::new(light, &view.camera);
+                maps.push((layer_map(view, casters, layers, control)?, source));
+            }
+            groups.push(maps);
+        }
+        let pattern = Pattern::new(settings.samples, settings.seed);
+        Ok(LightMaps {
+            light: *light,
+            sampler: Sampler::new(*light, number, pattern, false),
+            groups,
+            estimate: settings.estimate,
+            bias: settings.bias.map(|b| b / casters.geometry().frame.unit),
+        })
+    }
+
+    /// Bytes of the maps.
+    pub fn bytes(&self) -> usize {
+        self.groups.iter().flatten().map(|(m, _)| m.bytes()).sum()
+    }
+
+    /// The part of each group that can hide the light from a receiver.
+    fn regions(&self, p: DVec3, n: DVec3) -> impl Iterator<Item = Region<'_>> {
+        self.groups.iter().filter_map(move |group| {
+            let views = group.iter().map(|(map, _)| &map.view);
+            let (map, source) = &group[most_central(views, self.light.center(), p)];
+            Region::new(map, source, p, n, self.bias)
+        })
+    }
+
+    /// Asks `hidden` of every receiver that has something between it and the light: it multiplies what the
+    /// light samples' transmittances were by what a region lets through, in the places of the samples.
+    pub fn shade(
+        &self,
+        receivers: &Receivers,
+        control: &Control,
+        hidden: impl Fn(&Region<'_>, &mut Scratch) + Sync,
+    ) -> Result<Shading> {
+        let one = |i: usize, scratch: &mut Scratch| {
+            let (p, n) = (receivers.positions[i], receivers.normals[i]);
+            let h = self.light.fraction_above(p, n);
+            if h == 0.0 {
+                return 0.0;
+            }
+            let mut started = false;
+            for region in self.regions(p, n) {
+                if !started {
+                    self.sampler
+                        .fill(receivers.index[i], p, n, &mut scratch.samples);
+                    scratch.start();
+                    started = true;
+                }
+                scratch.project(&region);
+                hidden(&region, scratch);
+            }
+            // What nothing is before sees the part of the light above its tangent plane, exactly.
+            if started {
+                scratch.visibility()
+            } else {
+                h as f32
+            }
+        };
+        let parts: Vec<Vec<f32>> = receivers
+            .group_ranges()
+            .map_init(Scratch::default, |scratch, range| {
+                control.step()?;
+                Ok(range.map(|i| one(i, scratch)).collect())
+            })
+            .collect::<Result<_>>()?;
+        Ok(Shading {
+            visibility: parts.concat(),
+            irradiance: None,
+        })
+    }
+}

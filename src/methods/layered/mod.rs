@@ -1,0 +1,473 @@
+//! Soft shadows by ray tracing multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007).
+//!
+//! The scene is drawn from behind the light into a map with several layers a texel; segments from a receiver
+//! to points of the light are traced through the map instead of the scene. In the order in which they work:
+//! - [`views`]: where a map is drawn from, behind the light (equation 4), or the faces of a cube;
+//! - [`construction`]: the rasteriser's sinks; [`compress`]: from all crossings of a transparent texel to layers;
+//! - [`map`]: what is stored; [`quadtree`]: least and largest depths, coarser maps;
+//! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
+//!
+//! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
+//! depths from all three.
+//!
+//! Assumptions and failures: a map holds what it was drawn from at its texels' centres. Occluders behind its
+//! last layer are missing and let light through (Section 6.2); what is smaller than a texel is right in the
+//! mean only; contact shadows begin half a texel away.
+
+pub mod compress;
+pub mod construction;
+pub mod map;
+pub mod masks;
+pub mod quadtree;
+pub mod tracing;
+pub mod views;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::wedges::contour::Casters;
+use super::{Method, Prepared, Shading};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::light::Light;
+use crate::methods::ray_traced::MOST_SAMPLES;
+use crate::receivers::Receivers;
+use crate::sampling::{LightSamples, Pattern, Sampler};
+use compress::Compression;
+use construction::{Layers, layer_map};
+use map::LayerMap;
+use masks::{Axis, BLOCK, Mask};
+use tracing::{Pencil, Seen, Stack, Tracing, trace};
+use views::{light_views, most_central};
+
+/// Which of the paper's maps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// One layer.
+    Single,
+    /// Several opaque layers.
+    Multi,
+    /// Several layers that may be transparent.
+    Transparent,
+}
+
+impl Kind {
+    /// The name that users call the method by.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Single => "slsm",
+            Kind::Multi => "mlsm",
+            Kind::Transparent => "mtsm",
+        }
+    }
+}
+
+/// What layered maps are built and traced with; lengths in world units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Texels on the longer side of a map.
+    pub resolution: i64,
+    /// Layers of a texel.
+    pub layers: i64,
+    /// Light samples a receiver.
+    pub samples: i64,
+    /// Seed of the light samples.
+    pub seed: u64,
+    /// Thickness of surfaces to either side; from texel size and slope if not given.
+    pub z_threshold: Option<f64>,
+    /// Least height of an occluder over a receiver's tangent plane, beside what texel size and slope ask for.
+    pub bias: f64,
+    /// Texels across the light that are told apart.
+    pub detail: f64,
+    /// Largest error of visibility in the compression of transparent layers.
+    pub error: f64,
+    /// Visibility that counts as none.
+    pub threshold: f64,
+    /// How often visibility starts again behind what is opaque.
+    pub resets: i64,
+    /// The paper's equation 3 as printed.
+    pub subtract: bool,
+    /// Whether transparent meshes count as opaque.
+    pub opaque: bool,
+}
+
+/// A layered shadow map method with its parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Layered {
+    kind: Kind,
+    settings: Settings,
+}
+
+impl Layered {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// One out of its range.
+    pub fn new(kind: Kind, settings: Settings) -> Result<Self> {
+        let what = match kind {
+            Kind::Single => "Slsm",
+            Kind::Multi => "Mlsm",
+            Kind::Transparent => "Mtsm",
+        };
+        let integers = [
+            ("resolution", settings.resolution, 16, 16384),
+            ("layers", settings.layers, 1, 64),
+            ("samples", settings.samples, 1, MOST_SAMPLES as i64),
+            ("resets", settings.resets, 0, 64),
+        ];
+        for (name, value, low, high) in integers {
+            if !(low..=high).contains(&value) {
+                let reason = format!("{name} must be {low} to {high}, got {value}");
+                return Err(Error::parameter(what, reason));
+            }
+        }
+        let floats = [
+            ("z_threshold", settings.z_threshold.unwrap_or(0.0), f64::MAX),
+            ("bias", settings.bias, f64::MAX),
+            ("error", settings.error, 1.0),
+            ("threshold", settings.threshold, 1.0),
+        ];
+        for (name, value, high) in floats {
+            if !(0.0..=high).contains(&value) {
+                let most = if high == 1.0 { " and at most 1" } else { "" };
+                let reason = format!("{name} must be at least 0{most}, got {value}");
+                return Err(Error::parameter(what, reason));
+            }
+        }
+        if !(1.0..=65536.0).contains(&settings.detail) {
+            let reason = format!("detail must be 1 to 65536, got {}", settings.detail);
+            return Err(Error::parameter(what, reason));
+        }
+        Ok(Layered { kind, settings })
+    }
+
+    /// The maps of a local light.
+    ///
+    /// # Errors
+    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    pub fn maps(
+        &self,
+        casters: &Casters,
+        light: &Light,
+        control: &Control,
+    ) -> Result<Vec<Vec<LayerMap>>> {
+        let settings = &self.settings;
+        let layers = Layers {
+            count: settings.layers as usize,
+            compression: Compression {
+                error: settings.error as f32,
+                threshold: settings.threshold as f32,
+                resets: settings.resets as usize,
+            },
+            opaque: settings.opaque || self.kind != Kind::Transparent,
+        };
+        let views = light_views(light, casters, settings.resolution as u32)?;
+        let draw = |view| layer_map(view, casters, &layers, control);
+        let group = |views: Vec<_>| views.into_iter().map(draw).collect();
+        views.groups.into_iter().map(group).collect()
+    }
+}
+
+/// The samples of a flat light in one map: they are the same for all receivers.
+struct FlatTargets {
+    /// Columns and rows, block by block.
+    axes: Vec<[Axis; 2]>,
+    /// Inverse depth of all of them.
+    inverse_depth: f64,
+}
+
+impl FlatTargets {
+    fn new(map: &LayerMap, samples: &LightSamples) -> Self {
+        let mut axes = Vec::new();
+        let mut inverse_depth = 0.0f64;
+        for start in (0..samples.count).step_by(BLOCK) {
+            let points = start..(start + BLOCK).min(samples.count);
+            let projected: Vec<DVec3> = points
+                .map(|i| map.view.project(samples.point(i).as_dvec3()))
+                .collect();
+            let mut pair = [Axis::default(), Axis::default()];
+            for (k, axis) in pair.iter_mut().enumerate() {
+                let coordinates: Vec<f32> = projected.iter().map(|p| p[k] as f32).collect();
+                axis.set(&coordinates, Mask::first(coordinates.len()));
+            }
+            axes.push(pair);
+            // They differ by the rounding of the points.
+            let largest = projected.iter().map(|p| p.z).fold(0.0, f64::max);
+            inverse_depth = inverse_depth.max(largest);
+        }
+        FlatTargets {
+            axes,
+            inverse_depth,
+        }
+    }
+}
+
+struct LightMaps {
+    light: Light,
+    sampler: Sampler,
+    groups: Vec<Vec<LayerMap>>,
+    /// For a flat light, of every group.
+    flat: Vec<FlatTargets>,
+    transparent: bool,
+}
+
+struct PreparedLayered {
+    lights: Vec<LightMaps>,
+    tracing: Tracing,
+    seconds: Vec<(&'static str, f64)>,
+}
+
+impl Method for Layered {
+    fn name(&self) -> &'static str {
+        self.kind.name()
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        let settings = &self.settings;
+        let unit = geometry.frame.unit;
+        let tracing = Tracing {
+            thickness: (settings.z_threshold.unwrap_or(0.0) / unit) as f32,
+            bias: (settings.bias / unit) as f32,
+            detail: settings.detail as f32,
+            threshold: settings.threshold as f32,
+            subtract: settings.subtract,
+        };
+        let frame = geometry.frame;
+        let opaque = settings.opaque || self.kind == Kind::Transparent;
+        let casters = Casters::new(self.name(), geometry, opaque)?;
+        let pattern = Pattern::new(settings.samples as usize, settings.seed);
+        let start = Instant::now();
+        let mut found = Vec::with_capacity(lights.len());
+        for (number, light) in lights.iter().enumerate() {
+            let light = light.to_local(&frame);
+            let groups = self.maps(&casters, &light, control)?;
+            let sampler = Sampler::new(light, number as u32, pattern.clone(), true);
+            let mut flat = Vec::new();
+            if let Some(normal) = light.normal() {
+                let mut samples = LightSamples::default();
+                sampler.fill(0, light.center() + normal, DVec3::ZERO, &mut samples);
+                flat = groups
+                    .iter()
+                    .map(|maps| FlatTargets::new(&maps[0], &samples))
+                    .collect();
+            }
+            let transparent = groups.iter().flatten().any(LayerMap::is_transparent);
+            found.push(LightMaps {
+                light,
+                sampler,
+                groups,
+                flat,
+                transparent,
+            });
+        }
+        Ok(Box::new(PreparedLayered {
+            lights: found,
+            tracing,
+            seconds: vec![("maps", start.elapsed().as_secs_f64())],
+        }))
+    }
+}
+
+/// What a thread keeps between receivers.
+#[derive(Default)]
+struct Scratch {
+    samples: LightSamples,
+    stack: Stack,
+    axes: [Axis; 2],
+    slopes: [Vec<f32>; 2],
+}
+
+impl LightMaps {
+    /// Fraction of the light that a receiver sees.
+    fn visibility(&self, p: DVec3, n: DVec3, tracing: &Tracing, s: &mut Scratch) -> f32 {
+        let h = self.light.fraction_above(p, n);
+        if h == 0.0 {
+            return 0.0;
+        }
+        let count = self.sampler.len();
+        let flat = !self.flat.is_empty() || self.light.normal().is_some();
+        if h < 1.0 || !flat {
+            self.sampler.fill(0, p, n, &mut s.samples);
+        }
+        let mut sum = 0.0;
+        for (b, start) in (0..count).step_by(BLOCK).enumerate() {
+            let within = (count - start).min(BLOCK);
+            let valid = if h < 1.0 || !flat {
+                let rows = s.samples.valid[start / 16..].iter().copied();
+                let rows: Vec<u16> = rows.take(BLOCK / 16).collect();
+                Mask::from_rows(&rows) & Mask::first(within)
+            } else {
+                Mask::first(within)
+            };
+            if valid.is_empty() {
+                continue;
+            }
+            let mut seen = Seen::new(valid);
+            for (g, maps) in self.groups.iter().enumerate() {
+                let views = maps.iter().map(|m| &m.view);
+                let map = &maps[most_central(views, self.light.center(), p)];
+                if flat {
+                    self.trace_flat(map, g, b, p, n, tracing, &mut seen, s);
+                } else {
+                    self.trace_sphere(map, start, within, p, n, tracing, &mut seen, s);
+                }
+                if seen.open.is_empty() && !self.transparent {
+                    break;
+                }
+            }
+            sum += seen.sum(self.transparent);
+        }
+        (sum / count as f32).min(1.0)
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "one call")]
+    fn trace_flat(
+        &self,
+        map: &LayerMap,
+        group: usize,
+        block: usize,
+        p: DVec3,
+        n: DVec3,
+        tracing: &Tracing,
+        seen: &mut Seen,
+        s: &mut Scratch,
+    ) {
+        let targets = &self.flat[group];
+        let start = map.view.project(p);
+        let ahead = targets.inverse_depth - start.z;
+        if start.z <= 0.0 || ahead <= 0.0 || !start.is_finite() {
+            return;
+        }
+        let [columns, rows] = &targets.axes[block];
+        let slopes = |axis: &Axis, from: f64| {
+            let low = (f64::from(axis.low) - from) / ahead;
+            [low as f32, (f64::from(axis.extent) / ahead) as f32]
+        };
+        let pencil = Pencil {
+            start,
+            columns: slopes(columns, start.x),
+            rows: slopes(rows, start.y),
+            axes: [columns, rows],
+            end: targets.inverse_depth as f32,
+            plane: tangent_plane(map, p, n),
+        };
+        trace(map, tracing, &pencil, seen, &mut s.stack);
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "one call")]
+    fn trace_sphere(
+        &self,
+        map: &LayerMap,
+        first: usize,
+        count: usize,
+        p: DVec3,
+        n: DVec3,
+        tracing: &Tracing,
+        seen: &mut Seen,
+        s: &mut Scratch,
+    ) {
+        let start = map.view.project(p);
+        if start.z <= 0.0 || !start.is_finite() {
+            return;
+        }
+        for slopes in &mut s.slopes {
+            slopes.clear();
+            slopes.resize(count, 0.0);
+        }
+        let mut ahead = Mask::NONE;
+        let (mut nearest, mut farthest) = (0.0f64, f64::INFINITY);
+        for i in 0..count {
+            let q = map.view.project(s.samples.point(first + i).as_dvec3());
+            let step = q.z - start.z;
+            // A light point that is no nearer to the eye than the receiver: nothing is between them that the map
+            // could tell from the light.
+            if step > 0.0 && q.z.is_finite() {
+                ahead.0[i / 64] |= 1 << (i % 64);
+                s.slopes[0][i] = ((q.x - start.x) / step) as f32;
+                s.slopes[1][i] = ((q.y - start.y) / step) as f32;
+                (nearest, farthest) = (nearest.max(q.z), farthest.min(q.z));
+            }
+        }
+        let valid = ahead & seen.open;
+        if valid.is_empty() {
+            return;
+        }
+        let Scratch {
+            axes,
+            slopes,
+            stack,
+            ..
+        } = s;
+        for (axis, slopes) in axes.iter_mut().zip(slopes) {
+            axis.set(slopes, valid);
+        }
+        let pencil = Pencil {
+            start,
+            columns: [axes[0].low, axes[0].extent],
+            rows: [axes[1].low, axes[1].extent],
+            axes: [&axes[0], &axes[1]],
+            // Between the nearest and the farthest of the light's points (Section 4.3).
+            end: (0.5 * (nearest + farthest)) as f32,
+            plane: tangent_plane(map, p, n),
+        };
+        let mut traced = Seen {
+            open: valid,
+            through: seen.through,
+        };
+        trace(map, tracing, &pencil, &mut traced, stack);
+        seen.open = seen.open.without(valid) | traced.open;
+        seen.through = traced.through;
+    }
+}
+
+/// How the height over a receiver's tangent plane, times inverse depth, grows in a map.
+fn tangent_plane(map: &LayerMap, p: DVec3, n: DVec3) -> [f32; 3] {
+    let camera = &map.view.camera;
+    let seen = camera.rotation * n;
+    let per_texel = 1.0 / map.view.focal;
+    let plane = Vec3::new(
+        (seen.x * per_texel) as f32,
+        (seen.y * per_texel) as f32,
+        n.dot(camera.eye - p) as f32,
+    );
+    plane.to_array()
+}
+
+impl Prepared for PreparedLayered {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+        let maps = &self.lights[light];
+        let parts: Vec<Vec<f32>> = receivers
+            .group_ranges()
+            .map_init(Scratch::default, |scratch, range| {
+                control.step()?;
+                let one = |i: usize| {
+                    let (p, n) = (receivers.positions[i], receivers.normals[i]);
+                    maps.visibility(p, n, &self.tracing, scratch)
+                };
+                Ok(range.map(one).collect())
+            })
+            .collect::<Result<_>>()?;
+        Ok(Shading {
+            visibility: parts.concat(),
+            irradiance: None,
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        let maps = self.lights.iter().flat_map(|l| l.groups.iter().flatten());
+        maps.map(LayerMap::bytes).sum()
+    }
+
+    fn seconds(&self) -> Vec<(&'static str, f64)> {
+        self.seconds.clone()
+    }
+}

@@ -1,0 +1,528 @@
+//! Tracing all segments from a receiver to its light samples at once (Sections 4.3, 5.2 and 6.1).
+//!
+//! The quadtree is walked once for 256 samples. At each node two sets are looked up ([`super::masks`]):
+//! the samples whose segments can meet what the node holds, and, where one surface covers it, those that surely
+//! cross that surface. A node that none of the undecided samples can meet is left out with all below it: so a
+//! receiver with nothing before the light takes a few nodes, and one in the umbra little more.
+//!
+//! At the leaves a piece of a surface hides the samples whose segments cross its plane within the
+//! texel. Seen from the receiver that is a quadrilateral of slopes; it is taken as the rectangle through the
+//! middles of its sides, which neighbours on one plane share.
+//!
+//! **Coarser maps.** Where a texel, seen from the receiver, is less than a chosen part of the light, the walk
+//! ends at a coarser level. Each level answers for a band of depths, half-open, so that no surface counts twice.
+//!
+//! **Bias.** A receiver lies on a surface that is in the map. A piece counts only if its middle is above the
+//! receiver's tangent plane, by more than rounding, and, next to the receiver, by more than what the piece
+//! itself rises over that plane within half a texel: so far its extent is not known. A given `bias` is added.
+//! Without a normal, the receiver must not lie in the piece's plane by the same margins.
+//!
+//! **Thickness.** A piece's sides are found at `z_threshold` before and behind it, and the widest count.
+
+use glam::{DVec3, Vec4};
+
+use super::map::{LayerMap, Level};
+use super::masks::{Axis, BINS, Mask};
+use super::quadtree::Quad;
+use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+
+/// Relative rounding of the receiver's and the pieces' coordinates: some ulps of an `f32`.
+const ROUNDING: f32 = 8.0 * f32::EPSILON;
+
+/// Depths nearer to the receiver than this count as at it: only to divide by something.
+const TINY: f32 = 1e-30;
+
+/// Adding it to a number from 0 to 2²² leaves the nearest whole number in the low bits.
+const WHOLE: f32 = (1 << 23) as f32;
+
+/// How segments are traced.
+#[derive(Debug, Clone, Copy)]
+pub struct Tracing {
+    /// Thickness of surfaces to either side, local units.
+    pub thickness: f32,
+    /// How far above the tangent plane an occluder must be, local units.
+    pub bias: f32,
+    /// Texels across the light that are told apart: the walk ends at the level that still has as many.
+    pub detail: f32,
+    /// Transmittance at which a sample counts as hidden.
+    pub threshold: f32,
+    /// Whether crossings subtract what they take from the map's own ray (equation 3), and do not multiply.
+    pub subtract: bool,
+}
+
+/// What the segments of a receiver to up to 256 light points have in common.
+pub struct Pencil<'a> {
+    /// The receiver: column, row, inverse depth.
+    pub start: DVec3,
+    /// Slopes of the samples across columns: the least, and the largest less the least.
+    pub columns: [f32; 2],
+    /// The same across rows.
+    pub rows: [f32; 2],
+    /// The samples by their slopes.
+    pub axes: [&'a Axis; 2],
+    /// Inverse depth from which on nothing counts: the light's.
+    pub end: f32,
+    /// Height over the tangent plane, times inverse depth, grows so much per column, row and inverse depth; 0
+    /// without a tangent plane.
+    pub plane: [f32; 3],
+}
+
+/// The samples of a pencil, and what reaches them.
+pub struct Seen {
+    /// Samples that are not hidden.
+    pub open: Mask,
+    /// Transmittance of each, in a transparent map.
+    pub through: [Row; BINS / LANES],
+}
+
+impl Seen {
+    /// Of the samples in `open` everything is seen.
+    pub fn new(open: Mask) -> Self {
+        Seen {
+            open,
+            through: [Row([1.0; LANES]); BINS / LANES],
+        }
+    }
+
+    /// Sum of the samples' transmittances.
+    pub fn sum(&self, transparent: bool) -> f32 {
+        if !transparent {
+            return self.open.count() as f32;
+        }
+        let mut sums = Row::default();
+        for (r, row) in self.through.iter().enumerate() {
+            let bits = self.open.row(r);
+            for lane in 0..LANES {
+                if bits >> lane & 1 == 1 {
+                    sums.0[lane] += row.0[lane];
+                }
+            }
+        }
+        sums.0.iter().sum()
+    }
+}
+
+/// Nodes whose children are still to be looked at: the children's level, and their parent's place.
+pub type Stack = Vec<(u32, u32, u32)>;
+
+/// Removes from `seen` what the map hides of a pencil's samples.
+pub fn trace(
+    map: &LayerMap,
+    how: &Tracing,
+    pencil: &Pencil<'_>,
+    seen: &mut Seen,
+    stack: &mut Stack,
+) {
+    dispatch!(detect() => trace_lanes(
+        map: &LayerMap, how: &Tracing, pencil: &Pencil<'_>, seen: &mut Seen, stack: &mut Stack));
+}
+
+/// A pencil, ready for a walk.
+struct Walk<'a> {
+    map: &'a LayerMap,
+    how: &'a Tracing,
+    pencil: &'a Pencil<'a>,
+    /// Whole and fractional part of the receiver's column and row.
+    place: [f64; 2],
+    w: f32,
+    /// From slopes to bins: factors and offsets.
+    scale: [f32; 2],
+    offset: [f32; 2],
+    /// Depth over the receiver up to which the finest level answers; each coarser one up to twice as much.
+    band: f32,
+    has_plane: bool,
+}
+
+/// Four numbers to the nearest whole ones, within a table's range.
+#[inline(always)]
+fn bins(x: Vec4) -> [u32; 4] {
+    let x = x.max(Vec4::ZERO).min(Vec4::splat(BINS as f32)) + Vec4::splat(WHOLE);
+    x.to_array().map(|b| b.to_bits() & 0x3ff)
+}
+
+/// Compiled once per instruction set, for its 256-bit operations.
+#[inline(always)]
+unsafe fn trace_lanes<S: Lanes>(
+    map: &LayerMap,
+    how: &Tracing,
+    pencil: &Pencil<'_>,
+    seen: &mut Seen,
+    stack: &mut Stack,
+) {
+    let [(low_u, extent_u), (low_v, extent_v)] =
+        [pencil.columns, pencil.rows].map(|[low, extent]| (low, extent));
+    let scale = [BINS as f32 / extent_u, BINS as f32 / extent_v];
+    let walk = Walk {
+        map,
+        how,
+        pencil,
+        place: [pencil.start.x, pencil.start.y],
+        w: pencil.start.z as f32,
+        scale,
+        offset: [low_u * scale[0], low_v * scale[1]],
+        band: how.detail / extent_u.max(extent_v),
+        has_plane: pencil.plane != [0.0; 3],
+    };
+    let transparent = map.is_transparent();
+    let top = map.levels.len() as u32 - 1;
+    stack.clear();
+    stack.push((top, 0, 0));
+    while let Some((level, x, y)) = stack.pop() {
+        if seen.open.is_empty() {
+            return;
+        }
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe { walk.siblings::<S>(level, x, y, level == top, transparent, seen, stack) };
+    }
+}
+
+impl Walk<'_> {
+    /// Looks at the four children of node `(x, y)`, which are of `level`.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "one call, inlined")]
+    unsafe fn siblings<S: Lanes>(
+        &self,
+        level: u32,
+        x: u32,
+        y: u32,
+        top: bool,
+        transparent: bool,
+        seen: &mut Seen,
+        stack: &mut Stack,
+    ) {
+        let data = &self.map.levels[level as usize];
+        let across = data.width.div_ceil(2);
+        let quad: &Quad = &data.quads[y as usize * across + x as usize];
+        let size = (1u64 << level) as f32;
+        let wide = self.band * size;
+        let (from, to) = (
+            if level == 0 { 0.0 } else { 0.5 * wide },
+            if top { f32::MAX } else { wide },
+        );
+        let w = Vec4::splat(self.w);
+        let end = self.pencil.end - self.w;
+        let near = Vec4::from_array(quad.high) - w;
+        let far = (Vec4::from_array(quad.low) - w).max(Vec4::splat(TINY));
+        let near = near.min(Vec4::splat(to.min(end)));
+        // Nothing before the receiver and the light, or all left to coarser levels.
+        let mut some = near.cmpge(far).bitmask();
+        if some == 0 {
+            return;
+        }
+        // The siblings' sides, from the receiver.
+        let corner =
+            |i: usize, at: u32| (f64::from(2 * at) * f64::from(size) - self.place[i]) as f32;
+        let (u, v) = (corner(0, x), corner(1, y));
+        let left = Vec4::new(u, u + size, u, u + size);
+        let right = left + Vec4::splat(size);
+        let upper = Vec4::new(v, v, v + size, v + size);
+        let lower = upper + Vec4::splat(size);
+        if self.has_plane {
+            let [a, b, c] = self.pencil.plane.map(Vec4::splat);
+            let high =
+                (a * left).max(a * right) + (b * upper).max(b * lower) + (c * near).max(c * far);
+            let terms = (a * left).abs() + (b * upper).abs() + (c * (near + w)).abs();
+            some &= high.cmpgt(terms * ROUNDING).bitmask();
+            if some == 0 {
+                return;
+            }
+        }
+        let (inverse_far, inverse_near) = (far.recip(), near.recip());
+        let [su, sv] = self.scale.map(Vec4::splat);
+        let [ou, ov] = self.offset.map(Vec4::splat);
+        let half = Vec4::splat(0.5);
+        let (left, right) = (left * su, right * su);
+        let (upper, lower) = (upper * sv, lower * sv);
+        let u0 = bins((left * inverse_far).min(left * inverse_near) - ou - half);
+        let u1 = bins((right * inverse_far).max(right * inverse_near) - ou + half);
+        let v0 = bins((upper * inverse_far).min(upper * inverse_near) - ov - half);
+        let v1 = bins((lower * inverse_far).max(lower * inverse_near) - ov + half);
+        let [columns, rows] = self.pencil.axes;
+        let cover_low = Vec4::from_array(quad.cover_low);
+        let cover_high = Vec4::from_array(quad.cover_high);
+        // A cover that is no thicker than it is far from the receiver.
+        let covered = if level == 0 {
+            0
+        } else {
+            let margin = (half * (cover_high - cover_low)).max(w * (4.0 * ROUNDING));
+            cover_low.cmpgt(w + margin).bitmask()
+                & cover_high.cmplt(Vec4::splat(self.pencil.end)).bitmask()
+        };
+        let sure = if covered & some != 0 {
+            let (far, near) = ((cover_low - w).recip(), (cover_high - w).recip());
+            Some([
+                bins((left * far).max(left * near) - ou + half),
+                bins((right * far).min(right * near) - ou - half),
+                bins((upper * far).max(upper * near) - ov + half),
+                bins((lower * far).min(lower * near) - ov - half),
+            ])
+        } else {
+            None
+        };
+        // The children whose own pieces are to be looked at.
+        let mut leaves = 0;
+        for i in 0..4 {
+            if some >> i & 1 == 0 || u0[i] >= u1[i] || v0[i] >= v1[i] {
+                continue;
+            }
+            let met = columns.between(u0[i], u1[i]) & rows.between(v0[i], v1[i]) & seen.open;
+            if met.is_empty() {
+                continue;
+            }
+            if let Some([u0, u1, v0, v1]) = &sure
+                && covered >> i & 1 == 1
+                && u0[i] < u1[i]
+                && v0[i] < v1[i]
+            {
+                let hidden = columns.between(u0[i], u1[i]) & rows.between(v0[i], v1[i]);
+                seen.open = seen.open.without(hidden);
+                if met.without(hidden).is_empty() {
+                    continue;
+                }
+            }
+            if near[i] > from {
+                leaves |= 1 << i;
+            }
+            if level > 0 && far[i] <= from {
+                stack.push((level - 1, 2 * x + (i as u32 & 1), 2 * y + (i as u32 >> 1)));
+            }
+        }
+        if leaves != 0 {
+            let four = Four {
+                left: Vec4::new(u, u + size, u, u + size),
+                upper: Vec4::new(v, v, v + size, v + size),
+                size,
+                band: [from, to.min(end)],
+                range: [far, Vec4::from_array(quad.high) - w],
+            };
+            let at = (y as usize * across + x as usize) * self.map.layers;
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe { self.pieces::<S>(data, at, leaves, &four, transparent, seen) };
+        }
+    }
+
+    /// Removes what the pieces of four texels hide, those that lie in a band of depths over the receiver.
+    #[inline(always)]
+    unsafe fn pieces<S: Lanes>(
+        &self,
+        data: &Level,
+        at: usize,
+        leaves: u32,
+        four: &Four,
+        transparent: bool,
+        seen: &mut Seen,
+    ) {
+        let k = self.map.layers;
+        let w = Vec4::splat(self.w);
+        let [from, to] = four.band.map(Vec4::splat);
+        let mut before = [1.0f32; 4];
+        for (i, block) in data.blocks[at..at + k].iter().enumerate() {
+            let depths = Vec4::from_array(block.inverse_depth) - w;
+            if !transparent {
+                let ahead = depths.cmpgt(from).bitmask() & leaves;
+                // The layers behind lie deeper still.
+                if ahead == 0 {
+                    return;
+                }
+                let active = ahead & depths.cmple(to).bitmask();
+                if active != 0 {
+                    let slopes = block.slopes();
+                    self.met(active, depths, slopes, four, |_, hidden| {
+                        seen.open = seen.open.without(hidden);
+                    });
+                }
+                continue;
+            }
+            let media = &data.media[at + i];
+            let first = Vec4::from_array(media.map(|m| m.first)) - w;
+            let (mut through, mut places) = ([1.0f32; 4], [0u32; 4]);
+            let mut most = 0;
+            for c in 0..4 {
+                let medium = &media[c];
+                let drop = before[c] - medium.visibility;
+                before[c] = if medium.visibility <= self.how.threshold {
+                    1.0
+                } else {
+                    medium.visibility
+                };
+                if leaves >> c & 1 == 0 || medium.count == 0 {
+                    continue;
+                }
+                // Surfaces lie evenly from the first to the last; at most so many places are told apart.
+                places[c] = medium.count.min(MOST_PLACES);
+                most = most.max(places[c]);
+                through[c] = if self.how.subtract {
+                    drop / places[c] as f32
+                } else if places[c] == medium.count {
+                    medium.through
+                } else {
+                    medium.through.powf(medium.count as f32 / places[c] as f32)
+                };
+            }
+            if most == 0 {
+                continue;
+            }
+            let gaps = places.map(|p| p.saturating_sub(1).max(1) as f32);
+            let step = (first - depths) / Vec4::from_array(gaps);
+            let slopes = block.slopes();
+            for place in 0..most {
+                let depths = first - step * place as f32;
+                let here = (0..4).fold(0, |m, c| m | u32::from(place < places[c]) << c);
+                let active = here & depths.cmpgt(from).bitmask() & depths.cmple(to).bitmask();
+                if active != 0 {
+                    self.met(active, depths, slopes, four, |c, met| {
+                        // SAFETY: the caller enabled the features of `S`.
+                        unsafe { self.attenuate::<S>(met & seen.open, through[c], seen) };
+                    });
+                }
+            }
+        }
+    }
+
+    /// Calls `with` for the active ones of four pieces, and the samples whose segments cross them.
+    #[inline(always)]
+    fn met(
+        &self,
+        active: u32,
+        depths: Vec4,
+        [gx, gy]: [Vec4; 2],
+        four: &Four,
+        mut with: impl FnMut(usize, Mask),
+    ) {
+        let half = Vec4::splat(0.5);
+        let size = Vec4::splat(four.size);
+        let (left, upper) = (four.left, four.upper);
+        let (u, v) = (left + size * half, upper + size * half);
+        let mut active = active & self.stand_clear(depths, [gx, gy], u, v, size);
+        if active == 0 {
+            return;
+        }
+        let (right, lower) = (left + size, upper + size);
+        let (hx, hy) = (gx * half, gy * half);
+        let sides = [left, right, upper, lower];
+        let at_sides = [depths - hx, depths + hx, depths - hy, depths + hy];
+        let behind = at_sides.map(|d| d.cmple(Vec4::ZERO).bitmask());
+        let mut sides = sides;
+        if (behind[0] | behind[1] | behind[2] | behind[3]) & active != 0 {
+            cut(&mut sides, &at_sides, four.size);
+        }
+        // Within what the node holds, which bounds planes that rise beyond the surface.
+        let high = four.range[1].max(four.range[0]);
+        let at_sides = at_sides.map(|d| d.max(four.range[0]).min(high));
+        let [su, sv] = self.scale.map(Vec4::splat);
+        let [ou, ov] = self.offset.map(Vec4::splat);
+        let scaled = [sides[0] * su, sides[1] * su, sides[2] * sv, sides[3] * sv];
+        let mut low = [Vec4::ZERO; 4];
+        for i in 0..4 {
+            low[i] = scaled[i] / at_sides[i];
+        }
+        let mut far = low;
+        if self.how.thickness > 0.0 {
+            for i in 0..4 {
+                let w = Vec4::splat(self.w) + at_sides[i];
+                let thick = w * w * self.how.thickness;
+                let other = [
+                    at_sides[i] + thick,
+                    (at_sides[i] - thick).max(Vec4::splat(TINY)),
+                ];
+                for depths in other {
+                    let x = scaled[i] / depths;
+                    (low[i], far[i]) = (low[i].min(x), far[i].max(x));
+                }
+            }
+        }
+        let u0 = bins(low[0].min(low[1]) - ou);
+        let u1 = bins(far[0].max(far[1]) - ou);
+        let v0 = bins(low[2].min(low[3]) - ov);
+        let v1 = bins(far[2].max(far[3]) - ov);
+        let [columns, rows] = self.pencil.axes;
+        while active != 0 {
+            let c = active.trailing_zeros() as usize & 3;
+            active &= active - 1;
+            if u0[c] < u1[c] && v0[c] < v1[c] {
+                with(
+                    c,
+                    columns.between(u0[c], u1[c]) & rows.between(v0[c], v1[c]),
+                );
+            }
+        }
+    }
+
+    /// Which of four pieces are occluders, and not the surface that the receiver lies on.
+    #[inline(always)]
+    fn stand_clear(&self, depths: Vec4, [gx, gy]: [Vec4; 2], u: Vec4, v: Vec4, size: Vec4) -> u32 {
+        let w = depths + Vec4::splat(self.w);
+        let next_to = u.abs().cmple(size) & v.abs().cmple(size);
+        if self.has_plane {
+            let [a, b, c] = self.pencil.plane.map(Vec4::splat);
+            let (across, down, up) = (a * u, b * v, c * depths);
+            let margin = (across.abs() + down.abs() + c.abs() * w) * ROUNDING + w * self.how.bias;
+            let rise = ((a * size + c * gx).abs() + (b * size + c * gy).abs()) * 0.5;
+            let margin = margin + Vec4::select(next_to, rise, Vec4::ZERO);
+            (across + down + up).cmpgt(margin).bitmask()
+        } else {
+            let (across, down) = (gx * (u / size), gy * (v / size));
+            let margin = (across.abs() + down.abs() + w) * ROUNDING + w * (self.how.bias * self.w);
+            let rise = (gx.abs() + gy.abs()) * 0.5;
+            let margin = margin + Vec4::select(next_to, rise, Vec4::ZERO);
+            (depths - across - down).abs().cmpgt(margin).bitmask()
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn attenuate<S: Lanes>(&self, met: Mask, through: f32, seen: &mut Seen) {
+        if through == 0.0 && !self.how.subtract {
+            seen.open = seen.open.without(met);
+            return;
+        }
+        let mut done = Mask::NONE;
+        for r in 0..BINS / LANES {
+            let bits = met.row(r);
+            if bits == 0 {
+                continue;
+            }
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe {
+                let old = S::load(&seen.through[r]);
+                let new = if self.how.subtract {
+                    old.sub(S::splat(through)).max(S::splat(0.0))
+                } else {
+                    old.mul(S::splat(through))
+                };
+                new.select(bits, old).store(&mut seen.through[r]);
+                let closed = new.le(S::splat(self.how.threshold)) & bits;
+                done.0[r / 4] |= u64::from(closed) << (16 * (r % 4));
+            }
+        }
+        seen.open = seen.open.without(done);
+    }
+}
+
+/// Four texels, as the receiver sees them.
+struct Four {
+    /// Their sides, from the receiver.
+    left: Vec4,
+    upper: Vec4,
+    size: f32,
+    /// Depths over the receiver that count.
+    band: [f32; 2],
+    /// Least and largest of what each node holds.
+    range: [Vec4; 2],
+}
+
+/// Places at which the surfaces of one layer are told apart.
+const MOST_PLACES: u32 = 16;
+
+/// Moves the sides at which a piece is not before the receiver to where it reaches the receiver's depth.
+#[cold]
+fn cut(sides: &mut [Vec4; 4], depths: &[Vec4; 4], size: f32) {
+    for axis in [0, 2] {
+        for c in 0..4 {
+            let (a, b) = (depths[axis][c], depths[axis + 1][c]);
+            if (a > 0.0) != (b > 0.0) {
+                let at = sides[axis][c] + size * (a / (a - b));
+                sides[axis + usize::from(b <= 0.0)][c] = at;
+            }
+        }
+    }
+}

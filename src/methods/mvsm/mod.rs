@@ -1,0 +1,401 @@
+//! Ray-traced multi-view shadow maps (Agrawala, Ramamoorthi, Heirich and Moll 2000).
+//!
+//! Plain shadow maps from several points of the light: its centre, then its corners. A segment from a receiver
+//! to a light sample is followed through the first map ([`trace`]); only what of it that map's eye does not see
+//! is followed through the next, and so on. What no view sees counts as free. Blockers are coherent: the texel
+//! that blocked the sample before, and the one that blocked the same sample of the receiver before, are tried
+//! first.
+//!
+//! Assumptions and failures, as the paper and its successor (Xie, Tabellion and Pearce 2007) state them: what
+//! no view sees lets light through; gaps between texels are closed by a threshold, which closes holes of
+//! that depth too, and leaves open what is steeper; where edges are as fine as texels, in fur and
+//! foliage, maps alias and coherence does not help. Transparent occluders cannot be modelled. Cost grows with the
+//! number of views.
+
+pub mod trace;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::filtered::region::{Region, Source};
+use super::layered::compress::Compression;
+use super::layered::construction::{Layers, layer_map};
+use super::layered::map::LayerMap;
+use super::layered::views::light_views;
+use super::wedges::contour::Casters;
+use super::wedges::is_point;
+use super::{Method, Prepared, Shading};
+use crate::control::Control;
+use crate::error::{Error, Result};
+use crate::geometry::Geometry;
+use crate::light::{Light, Shape};
+use crate::receivers::Receivers;
+use crate::sampling::{LightSamples, Pattern, Sampler};
+use crate::simd::LANES;
+use trace::{Blocker, Parts, Tracer};
+
+/// Most views: the centre, corners, and the middles between them.
+pub const MOST_VIEWS: i64 = 9;
+
+/// Widths of a texel that a wall closes. Floors are pieces of planes, so only folds and curves need walls: from 0
+/// to 4 the errors are the same to a hundredth, and more close the gaps between leaves.
+const GAP: f64 = 2.0;
+
+/// Widths of a texel that a segment starts off its receiver: within that a curved surface's own texels may lie
+/// above it. Half of it doubles the errors of smooth bodies; twice as much loses contact shadows.
+const BIAS: f64 = 3.0;
+
+/// Multi-view shadow maps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mvsm {
+    resolution: u32,
+    views: usize,
+    samples: usize,
+    seed: u64,
+    gap: Option<f64>,
+    bias: Option<f64>,
+    opaque: bool,
+}
+
+impl Mvsm {
+    /// Checks and stores the parameters: texels on the longer side of a map, views, light samples a receiver and
+    /// their seed; the largest difference of depth that a wall closes and how far off a receiver its segments
+    /// start, world units; and whether transparent meshes count as opaque.
+    ///
+    /// # Errors
+    /// A number out of its range.
+    pub fn new(
+        [resolution, views, samples]: [i64; 3],
+        seed: u64,
+        gap: Option<f64>,
+        bias: Option<f64>,
+        opaque: bool,
+    ) -> Result<Self> {
+        let method = "Mvsm";
+        let ranges = [
+            ("resolution", resolution, 16, 16384),
+            ("views", views, 1, MOST_VIEWS),
+            (
+                "samples",
+                samples,
+                1,
+                super::ray_traced::MOST_SAMPLES as i64,
+            ),
+        ];
+        for (name, value, least, most) in ranges {
+            if !(least..=most).contains(&value) {
+                let reason = format!("{name} must be {least} to {most}, got {value}");
+                return Err(Error::parameter(method, reason));
+            }
+        }
+        for (name, value) in [("gap", gap), ("bias", bias)] {
+            if let Some(value) = value.filter(|v| !(v.is_finite() && *v >= 0.0)) {
+                let reason = format!("{name} must be a finite number of at least 0, got {value}");
+                return Err(Error::parameter(method, reason));
+            }
+        }
+        Ok(Mvsm {
+            resolution: resolution as u32,
+            views: views as usize,
+            samples: samples as usize,
+            seed,
+            gap,
+            bias,
+            opaque,
+        })
+    }
+}
+
+/// Points of a light that views are drawn from; one if it has no size.
+fn view_points(light: &Light, middle: DVec3, count: usize) -> Vec<DVec3> {
+    let center = light.center();
+    if is_point(light) {
+        return vec![center];
+    }
+    let (u, v, rim) = match light.shape {
+        Shape::Rect { u, v, .. } => (0.5 * u, 0.5 * v, 1.0),
+        Shape::Disk { normal, radius, .. } => {
+            let e = normal.any_orthonormal_vector();
+            (
+                radius * e,
+                radius * normal.cross(e),
+                std::f64::consts::SQRT_2,
+            )
+        }
+        // The outline that the scene sees, about.
+        Shape::Sphere { radius, .. } => {
+            let axis = (middle - center).try_normalize().unwrap_or(DVec3::Z);
+            let e = axis.any_orthonormal_vector();
+            (radius * e, radius * axis.cross(e), std::f64::consts::SQRT_2)
+        }
+    };
+    let corners = [(-1.0, -1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)]
+        .map(|(x, y)| center + (x * u + y * v) / rim);
+    let sides = [-u, u, -v, v].map(|d| center + d);
+    let all = std::iter::once(center).chain(corners).chain(sides);
+    all.take(count).collect()
+}
+
+/// A light with its views: of each a list of groups of maps, foremost casters first.
+struct Views {
+    light: Light,
+    sampler: Sampler,
+    maps: Vec<LayerMap>,
+    /// The whole light as each map sees it.
+    sources: Vec<Source>,
+    /// Of every view and group the numbers of its maps.
+    groups: Vec<Vec<std::ops::Range<usize>>>,
+}
+
+impl Method for Mvsm {
+    fn name(&self) -> &'static str {
+        "mvsm"
+    }
+
+    fn prepare(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<Box<dyn Prepared>> {
+        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        let frame = geometry.frame;
+        let casters = Casters::new(self.name(), geometry, self.opaque)?;
+        let layers = Layers {
+            count: 1,
+            // Not used: all layers are opaque.
+            compression: Compression {
+                error: 0.0,
+                threshold: 0.0,
+                resets: 0,
+            },
+            opaque: true,
+        };
+        let start = Instant::now();
+        let pattern = Pattern::new(self.samples, self.seed);
+        let mut found = Vec::with_capacity(lights.len());
+        for (number, light) in lights.iter().enumerate() {
+            let (mut maps, mut groups) = (Vec::new(), Vec::new());
+            for point in view_points(light, DVec3::ZERO, self.views) {
+                let shape = match light.normal() {
+                    Some(normal) => Shape::Disk {
+                        center: point,
+                        normal,
+                        radius: 0.0,
+                    },
+                    None => Shape::Sphere {
+                        center: point,
+                        radius: 0.0,
+                    },
+                };
+                let eye = Light { shape, ..*light };
+                let mut of_view = Vec::new();
+                for views in light_views(&eye, &casters, self.resolution)?.groups {
+                    let first = maps.len();
+                    for view in views {
+                        maps.push(layer_map(view, &casters, &layers, control)?);
+                    }
+                    of_view.push(first..maps.len());
+                }
+                groups.push(of_view);
+            }
+            found.push(Views {
+                light: *light,
+                sources: maps
+                    .iter()
+                    .map(|m: &LayerMap| Source::new(light, &m.view.camera))
+                    .collect(),
+                sampler: Sampler::new(*light, number as u32, pattern.clone(), true),
+                maps,
+                groups,
+            });
+        }
+        Ok(Box::new(PreparedMvsm {
+            lights: found,
+            gap: self.gap.map(|g| (g / frame.unit) as f32),
+            bias: self.bias.map(|b| b / frame.unit),
+            seconds: start.elapsed().as_secs_f64(),
+        }))
+    }
+}
+
+struct PreparedMvsm {
+    lights: Vec<Views>,
+    gap: Option<f32>,
+    bias: Option<f64>,
+    seconds: f64,
+}
+
+/// What a receiver needs, and what a group of receivers passes on from one to the next.
+#[derive(Default)]
+struct Memory {
+    samples: LightSamples,
+    /// What blocked each sample of the receiver before.
+    blockers: Vec<Option<Blocker>>,
+    /// The receiver in each map: homogeneous image coordinates, and a bound on the inverse depth of blockers.
+    places: Vec<([f32; 3], f32)>,
+    /// How far off the receiver segments start.
+    bias: f64,
+}
+
+impl PreparedMvsm {
+    /// Finds a receiver's places; whether anything can be between it and the light.
+    fn place(
+        &self,
+        views: &Views,
+        tracers: &[Tracer<'_>],
+        p: DVec3,
+        n: DVec3,
+        memory: &mut Memory,
+    ) -> bool {
+        memory.places.clear();
+        memory.places.extend(tracers.iter().map(|t| {
+            let nearest = t.map.view.inverse_near as f32;
+            (t.project(p), nearest)
+        }));
+        let texel =
+            |map: usize| f64::from(memory.places[map].0[2].abs()) / tracers[map].map.view.focal;
+        memory.bias = match (self.bias, tracers.is_empty()) {
+            (Some(bias), _) => bias,
+            (None, false) => BIAS * texel(0),
+            (None, true) => 0.0,
+        };
+        let mut free = true;
+        for maps in views.groups.first().into_iter().flatten() {
+            // Segments to all of the light may leave a face of a cube.
+            if maps.len() != 1 {
+                return true;
+            }
+            let map = maps.start;
+            let (of, source) = (&views.maps[map], &views.sources[map]);
+            // A view from a point of the light may see a part of it behind the receiver.
+            if !source.is_nearer_than(f64::from(memory.places[map].0[2])) {
+                return true;
+            }
+            match Region::new(of, source, p, n, Some(memory.bias)) {
+                Some(region) => {
+                    free = false;
+                    memory.places[map].1 = region.nearest;
+                }
+                None => memory.places[map].1 = 0.0,
+            }
+        }
+        !free
+    }
+
+    fn visibility(
+        &self,
+        views: &Views,
+        tracers: &[Tracer<'_>],
+        p: DVec3,
+        memory: &mut Memory,
+    ) -> f32 {
+        let count = memory.samples.count;
+        let (mut seen, mut latest) = (0u32, None);
+        for i in 0..count {
+            if memory.samples.valid[i / LANES] >> (i % LANES) & 1 == 0 {
+                continue;
+            }
+            let to = memory.samples.point(i);
+            let length = (to.as_dvec3() - p).length().max(f64::MIN_POSITIVE);
+            let start = (memory.bias / length).min(0.5) as f32;
+            let remembered = [memory.blockers[i], latest];
+            let again = remembered.into_iter().flatten().find(|b| {
+                let tracer = &tracers[b.map as usize];
+                let segment = tracer.segment(memory.places[b.map as usize].0, to);
+                tracer.is_blocked_at(&segment, start, b.x, b.y)
+            });
+            let blocker = again.or_else(|| blocker(views, tracers, &memory.places, to, start));
+            seen += u32::from(blocker.is_none());
+            latest = blocker;
+            memory.blockers[i] = blocker;
+        }
+        seen as f32 / count as f32
+    }
+}
+
+/// What blocks a segment.
+fn blocker(
+    views: &Views,
+    tracers: &[Tracer<'_>],
+    places: &[([f32; 3], f32)],
+    to: Vec3,
+    start: f32,
+) -> Option<Blocker> {
+    let groups = views.groups.iter().map(Vec::len).max().unwrap_or(0);
+    for group in 0..groups {
+        let mut left = Parts::one(start, 1.0);
+        for view in &views.groups {
+            let Some(maps) = view.get(group) else {
+                continue;
+            };
+            let mut hidden = Parts::default();
+            for map in maps.clone() {
+                let (tracer, (from, nearest)) = (&tracers[map], places[map]);
+                if nearest == 0.0 {
+                    continue;
+                }
+                let segment = tracer.segment(from, to);
+                if let Some((x, y)) = tracer.trace(&segment, &left, nearest, &mut hidden) {
+                    return Some(Blocker {
+                        map: map as u32,
+                        x,
+                        y,
+                    });
+                }
+            }
+            left = hidden;
+            if left.is_empty() {
+                break;
+            }
+        }
+    }
+    None
+}
+
+impl Prepared for PreparedMvsm {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+        let views = &self.lights[light];
+        let tracers: Vec<Tracer<'_>> = views
+            .maps
+            .iter()
+            .map(|map| Tracer::new(map, GAP, self.gap))
+            .collect();
+        let one = |i: usize, memory: &mut Memory| {
+            let (p, n) = (receivers.positions[i], receivers.normals[i]);
+            let h = views.light.fraction_above(p, n);
+            if h == 0.0 || !self.place(views, &tracers, p, n, memory) {
+                return h as f32;
+            }
+            views
+                .sampler
+                .fill(receivers.index[i], p, n, &mut memory.samples);
+            self.visibility(views, &tracers, p, memory)
+        };
+        let parts: Vec<Vec<f32>> = receivers
+            .group_ranges()
+            .map_init(Memory::default, |memory, range| {
+                control.step()?;
+                memory.blockers.clear();
+                memory.blockers.resize(views.sampler.len(), None);
+                Ok(range.map(|i| one(i, memory)).collect())
+            })
+            .collect::<Result<_>>()?;
+        Ok(Shading {
+            visibility: parts.concat(),
+            irradiance: None,
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        let maps = self.lights.iter().flat_map(|v| &v.maps);
+        maps.map(LayerMap::bytes).sum()
+    }
+
+    fn seconds(&self) -> Vec<(&'static str, f64)> {
+        vec![("shadow maps", self.seconds)]
+    }
+}
