@@ -325,6 +325,10 @@ def test_a_frame_draws_what_it_shows_and_keeps_it():
     assert np.array_equal(first.visibility, again.visibility)
     assert first.bytes == again.bytes
     assert again.seconds["shade"] < first.seconds["shade"]
+    # All that drawing took so far: nothing but a lock in the second frame.
+    assert 0 < first.seconds["textures"] <= first.seconds["shade"]
+    spent = again.seconds["textures"] - first.seconds["textures"]
+    assert 0 <= spent < first.seconds["textures"]
 
 
 def test_several_lights_have_textures_of_their_own():

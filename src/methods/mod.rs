@@ -73,6 +73,11 @@ pub trait Prepared: Send + Sync {
     /// Bytes of the method's own data structures.
     fn bytes(&self) -> usize;
 
+    /// What frames found missing and built for all that come after, in seconds so far.
+    fn built_seconds(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
+
     /// Stages of preparing, in seconds.
     fn seconds(&self) -> Vec<(&'static str, f64)> {
         Vec::new()

@@ -207,6 +207,7 @@ impl Ready {
             ("receivers", receivers_seconds),
             ("shade", shade_seconds),
         ];
+        frame.seconds.extend(self.method.built_seconds());
         Ok(frame)
     }
 

@@ -2,7 +2,7 @@
 //!
 //! A pixel's receiver lies between four texels' centres, which are interpolated. Texels whose centre is not on
 //! the polygon do not count, since what is there may be inside of a neighbouring body; where none of the four
-//! is on it (a polygon narrower than a texel) all do. At the texture's border the nearest texels stand for
+//! is left, as in a sharp corner, the nearest one on the polygon does, and if it is narrower than a texel, all do. At the texture's border the nearest texels stand for
 //! those beyond. Nor do texels count that a line separates from the pixel in which an occluder passes through the
 //! polygon: under a body that stands on it all is dark, and stays there. So a shadow's edge is blurred by a
 //! texel, but for the one at a body's foot.
@@ -235,10 +235,25 @@ impl<'a> Reader<'a> {
             near.is_empty() || !contacts.separate(near, q, DVec2::new(f64::from(x), f64::from(y)))
         };
         mean(&|x, y| mask.holds(x, y) && joined(x, y))
+            .or_else(|| self.nearest_on_polygon(q))
             .or_else(|| mean(&joined))
-            .or_else(|| mean(&|x, y| mask.holds(x, y)))
             .or_else(|| mean(&|_, _| true))
             .unwrap_or_default()
+    }
+
+    /// The nearest texel on the polygon of those up to two away, as at a triangle's sharp corner.
+    fn nearest_on_polygon(&self, q: DVec2) -> Option<[f32; 2]> {
+        let around = |q: f64, size: u32| {
+            let middle = q.round().clamp(0.0, f64::from(size - 1)) as u32;
+            middle.saturating_sub(2)..=(middle + 2).min(size - 1)
+        };
+        let size = self.drawn.texture.size;
+        let texels = around(q.y, size[1])
+            .flat_map(|y| around(q.x, size[0]).map(move |x| (x, y)))
+            .filter(|&(x, y)| self.drawn.mask.holds(x, y));
+        let far = |&(x, y): &(u32, u32)| (DVec2::new(f64::from(x), f64::from(y)) - q).length();
+        let nearest = texels.min_by(|a, b| far(a).total_cmp(&far(b)));
+        nearest.map(|(x, y)| self.texel(x, y))
     }
 
     #[inline(always)]

@@ -340,7 +340,8 @@ mod tests {
         }
         let one = patches(&vertices, &faces[..1]);
         let [ex, ey] = one.list[0].bounds.edges;
-        assert!((ex.cross(ey).length() - 4.0 * 0.25).abs() < 1e-6);
+        // Its edges are 1 long, two units of its frame.
+        assert!((ex.cross(ey).length() - 4.0).abs() < 1e-6);
     }
 
     #[test]

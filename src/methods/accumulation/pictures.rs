@@ -1,8 +1,9 @@
 //! Pictures from textures: those of the polygons that a camera shows are painted at first sight and kept.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -44,6 +45,8 @@ pub struct Pictures<P> {
     atlas: Atlas,
     painter: P,
     drawn: Mutex<HashMap<Key, Arc<Drawn>>>,
+    /// Nanoseconds that painting took so far.
+    spent: AtomicU64,
 }
 
 /// A finished texture, and what looking it up needs.
@@ -66,6 +69,7 @@ impl<P: Painter> Pictures<P> {
             atlas,
             painter,
             drawn: Mutex::default(),
+            spent: AtomicU64::new(0),
         }
     }
 
@@ -91,6 +95,7 @@ impl<P: Painter> Pictures<P> {
     ) -> Result<HashMap<Key, Arc<Drawn>>> {
         keys.sort_unstable();
         keys.dedup();
+        let start = Instant::now();
         let mut known = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let missing: Vec<Key> = keys
             .iter()
@@ -136,6 +141,8 @@ impl<P: Painter> Pictures<P> {
             })
             .collect();
         known.extend(drawn);
+        let spent = start.elapsed().as_nanos() as u64;
+        self.spent.fetch_add(spent, Ordering::Relaxed);
         Ok(keys.into_iter().map(|k| (k, known[&k].clone())).collect())
     }
 }
@@ -184,6 +191,11 @@ impl<P: Painter> Prepared for Pictures<P> {
             visibility: values.iter().map(|v| v[0]).collect(),
             irradiance: radiance.then(|| values.iter().map(|v| v[1]).collect()),
         })
+    }
+
+    fn built_seconds(&self) -> Vec<(&'static str, f64)> {
+        let nanoseconds = self.spent.load(Ordering::Relaxed);
+        vec![("textures", nanoseconds as f64 * 1e-9)]
     }
 
     fn bytes(&self) -> usize {

@@ -128,7 +128,9 @@ impl Painter for Convolution {
             let spread = Spread::new(light, &side, eye);
             let highest = Pyramid::new(light, &side).highest(&occluders, &side);
             let full = side.normal.dot(eye - side.bounds.corner);
-            for scales in octaves(highest, full, &spread) {
+            // None, where what was found is beside the pyramid after all.
+            let ranges = octaves(highest, full, &spread);
+            for scales in ranges.into_iter().filter(|_| highest > 0.0) {
                 let window = window(scales[1], &spread, texture.size);
                 let shadow = HardShadow::new(&occluders, &side, eye, &window, scales, control)?;
                 let layers = shadow.layers(self.error, &spread, &window);
