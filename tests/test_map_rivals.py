@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -363,3 +364,24 @@ def test_nothing_that_casts_is_all_lit(name):
     for light in (ss.SphereLight((0, 0, 2), 0.2), ss.DiskLight((0, 0, 2), (0, 0, -1), 0.2)):
         seen = ss.visibility(scene, [(0, 0, 0.0)], [(0, 0, 1.0)], light, name)
         assert (seen == 1).all()
+
+
+@pytest.mark.parametrize("method", [ss.Pcf(64, samples=65536), ss.Mvsm(64, samples=65536)])
+def test_progress_is_told_and_can_stop_the_work(method):
+    class EnoughError(Exception):
+        pass
+
+    told = []
+
+    def callback(fraction):
+        told.append(fraction)
+        if len(told) == 4:
+            raise EnoughError
+
+    setup = ss.scenes.closed_solids(256, 256, detail=2)
+    start = time.perf_counter()
+    with pytest.raises(EnoughError):
+        ss.render(setup.scene, setup.camera, setup.light, method, callback)
+    # Told every 0.05 s; then what is being done ends within 0.2 s, on a busy machine within more.
+    assert time.perf_counter() - start < 2
+    assert told == sorted(told)
