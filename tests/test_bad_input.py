@@ -279,7 +279,7 @@ def scene():
 @pytest.mark.parametrize(
     ("method", "words"),
     [
-        ("wedge", ["method", "'wedge'", "hard,", "ray_traced"]),
+        ("wedge", ["method", "'wedge'", "hard", "ray_traced"]),
         ("", ["method", "''"]),
         (ss.RayTraced(samples=0), ["RayTraced", "samples", "1 to 65536", "0"]),
         (ss.RayTraced(samples=65537), ["RayTraced", "samples", "65537"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from shapes import bumpy, quad
 GROUND = quad((0, 0, 0), (6, 0, 0), (0, 6, 0))
 REFERENCE = ss.RayTraced(samples=256, seed=5)
 RIVALS = {"pcf": ss.Pcf(), "deep": ss.DeepShadow(), "mvsm": ss.Mvsm()}
+COARSE = {name: type(method)(resolution=256) for name, method in RIVALS.items()}
+"""For what does not depend on it: maps of 1024² take most of a test's time."""
 FILTERS = {"pcf": ss.Pcf, "deep": ss.DeepShadow}
 
 
@@ -176,8 +179,7 @@ def test_a_convex_body_has_no_shadow_on_its_lit_side(name, resolution):
     h = ss.kernels.light_fraction_above(light, image.position[box], image.normal[box])
     lit = image.visibility[box][h == 1]
     assert len(lit) > 500
-    # `mvsm` has only its start off the surface against what its texels see around a corner.
-    assert (lit < 1).mean() < (0.02 if name == "mvsm" else 1e-9)
+    assert (lit == 1).all()
 
 
 @pytest.mark.parametrize("name", RIVALS)
@@ -190,7 +192,7 @@ def test_an_oblique_ground_does_not_shadow_itself(name):
     image, reference = (ss.render(scene, camera, light, m) for m in (RIVALS[name], REFERENCE))
     lit = reference.mask & (reference.visibility == 1) & (reference.mesh_id == 0)
     assert lit.sum() > 3000
-    assert (image.visibility[lit] < 0.95).mean() < 0.01
+    assert (image.visibility[lit] > 0.95).all()
 
 
 # ---------------------------------------------------------------- limits
@@ -202,7 +204,7 @@ def test_a_light_of_radius_zero_tends_to_hard_shadows(name, kind):
     for size in (0.0, 1e-4):
         s = ss.scenes.closed_solids(96, 96, kind, size, detail=3)
         hard = _render(s, "hard")
-        image = _render(s, type(RIVALS[name])(resolution=2048, samples=16))
+        image = _render(s, type(RIVALS[name])(resolution=1024, samples=16))
         # A texel's staircase along the edges, and `mvsm`'s start (measured: at most 0.0008).
         assert np.abs(image.visibility - hard.visibility)[image.mask].mean() < 0.0012
 
@@ -223,9 +225,10 @@ def test_a_light_inside_a_scene_casts_to_all_sides(name):
     light = ss.SphereLight((0.05, 0.02, -0.03), 0.1)
     points, normals = np.concatenate(points), np.concatenate(normals)
     reference = ss.visibility(scene, points, normals, light, REFERENCE)
-    found = ss.visibility(scene, points, normals, light, RIVALS[name])
+    found = ss.visibility(scene, points, normals, light, COARSE[name])
     for wall in np.split(np.abs(found - reference), 6):
-        assert wall.mean() < 0.01
+        # A texel's staircase and the samples' noise (measured: 0.0052 at most).
+        assert wall.mean() < 0.008
 
 
 @pytest.mark.parametrize("name", RIVALS)
@@ -241,15 +244,14 @@ def test_scaled_and_moved_scenes_give_the_same(name, scale, move):
         scene.add((at(vertices * 0.4 + [0, 0, 0.7]), faces), "body")
         light = ss.RectLight(at((0.6, -0.4, 2.5)), (0, 0.4 * scale, 0), (0.4 * scale, 0, 0))
         camera = ss.Camera(at((0.4, -3.2, 2.0)), at((0, 0.1, 0.3)), width=64, height=64)
-        return ss.render(scene, camera, light, RIVALS[name]).visibility
+        return ss.render(scene, camera, light, COARSE[name]).visibility
 
     plain, other = picture(1.0, 0.0), picture(scale, move)
     if move == 0:
         assert np.array_equal(plain, other)
     else:
-        # Rounding moves texels at edges.
-        assert (np.abs(plain - other) > 0.05).mean() < 0.01
-        assert np.abs(plain - other).mean() < 2e-3
+        # Rounding moves single samples at edges (measured: at most 1e-6 in the mean).
+        assert np.abs(plain - other).mean() < 1e-4
 
 
 @pytest.mark.parametrize("name", RIVALS)
@@ -279,7 +281,7 @@ def test_the_bits_do_not_depend_on_the_number_of_threads():
     script = (
         "import hashlib, softshadow as ss\n"
         "s = ss.scenes.closed_solids(64, 64, detail=3)\n"
-        "for m in (ss.Pcf(), ss.DeepShadow(), ss.Mvsm(samples=64)):\n"
+        "for m in (ss.Pcf(128), ss.DeepShadow(128), ss.Mvsm(128, samples=64)):\n"
         "    v = ss.render(s.scene, s.camera, s.light, m).visibility\n"
         "    print(hashlib.sha256(v.tobytes()).hexdigest())\n"
     )
@@ -341,12 +343,14 @@ def test_the_agreed_defaults():
 @pytest.mark.parametrize("name", RIVALS)
 def test_seeds_change_the_samples_and_what_is_transparent_is_told(name):
     setup = ss.scenes.closed_solids(48, 48, detail=2)
-    one, same, other = (_render(setup, type(RIVALS[name])(seed=s)).visibility for s in (0, 0, 1))
+    one, same, other = (
+        _render(setup, type(RIVALS[name])(128, seed=s)).visibility for s in (0, 0, 1)
+    )
     assert np.array_equal(one, same)
     assert not np.array_equal(one, other)
     clear = ss.scenes.closed_solids(16, 16, detail=1, opacity=0.5)
     if RIVALS[name].transparent:
-        _render(clear, RIVALS[name])
+        _render(clear, COARSE[name])
         return
     with pytest.raises(ss.UnsupportedError, match="opacity"):
         _render(clear, RIVALS[name])
@@ -360,3 +364,24 @@ def test_nothing_that_casts_is_all_lit(name):
     for light in (ss.SphereLight((0, 0, 2), 0.2), ss.DiskLight((0, 0, 2), (0, 0, -1), 0.2)):
         seen = ss.visibility(scene, [(0, 0, 0.0)], [(0, 0, 1.0)], light, name)
         assert (seen == 1).all()
+
+
+@pytest.mark.parametrize("method", [ss.Pcf(64, samples=65536), ss.Mvsm(64, samples=65536)])
+def test_progress_is_told_and_can_stop_the_work(method):
+    class EnoughError(Exception):
+        pass
+
+    told = []
+
+    def callback(fraction):
+        told.append(fraction)
+        if len(told) == 4:
+            raise EnoughError
+
+    setup = ss.scenes.closed_solids(256, 256, detail=2)
+    start = time.perf_counter()
+    with pytest.raises(EnoughError):
+        ss.render(setup.scene, setup.camera, setup.light, method, callback)
+    # Told every 0.05 s; then what is being done ends within 0.2 s, on a busy machine within more.
+    assert time.perf_counter() - start < 2
+    assert told == sorted(told)

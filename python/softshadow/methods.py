@@ -218,7 +218,7 @@ class Mvsm(Method):
 
 @dataclass(frozen=True)
 class Pcf(Method):
-    """Percentage-closer soft shadows, the *Antz* method (Xie and others 2007, Section 3).
+    """Percentage-closer soft shadows, the *Antz* method (in Xie, Tabellion and Pearce 2007).
 
     A shadow map filtered as widely as the light is seen past what it holds: a first pass over the
     region that can hide the light finds the blockers' depth, a second one counts in the region that

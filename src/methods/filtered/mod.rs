@@ -191,7 +191,9 @@ impl LightMaps {
             .group_ranges()
             .map_init(Scratch::default, |scratch, range| {
                 control.step()?;
-                Ok(range.map(|i| one(i, scratch)).collect())
+                // With the most samples a receiver takes a tenth of a second.
+                let checked = |i| control.check().map(|()| one(i, scratch));
+                range.map(checked).collect()
             })
             .collect::<Result<_>>()?;
         Ok(Shading {

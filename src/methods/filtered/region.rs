@@ -387,3 +387,134 @@ impl Scratch {
         (sum / self.samples.count as f32).min(1.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::control::Control;
+    use crate::methods::layered::compress::Compression;
+    use crate::methods::layered::construction::{Layers, layer_map};
+    use crate::methods::layered::views::light_views;
+    use crate::methods::wedges::contour::Casters;
+    use crate::scene::{Material, Scene};
+
+    /// Some hundred loose triangles over a ground, and the light's map of them.
+    fn map(light: &Light) -> (LayerMap, Light) {
+        let mut scene = Scene::default();
+        let looks = Material {
+            albedo: [1.0; 3],
+            opacity: 1.0,
+            casts: true,
+            receives: true,
+        };
+        // A low-discrepancy sequence, for corners of small triangles all over the place.
+        let fraction = |i: u32, step: f64| (f64::from(i) * step).fract() - 0.5;
+        let place = |i: u32| {
+            let (x, y) = (fraction(i, 0.754_877_7), fraction(i, 0.569_840_3));
+            DVec3::new(x, y, 0.5 * fraction(i, 0.618_034) + 0.4)
+        };
+        let vertices: Vec<DVec3> = (0..300)
+            .flat_map(|i| [0, 1, 2].map(|k| place(i) + 0.1 * (place(3 * i + k) - place(i))))
+            .collect();
+        let faces: Vec<[i64; 3]> = (0..300).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        scene.add_mesh("leaves", vertices, &faces, looks).unwrap();
+        let geometry: Arc<_> = scene.geometry().unwrap();
+        let light = light.to_local(&geometry.frame);
+        let casters = Casters::new("pcf", geometry, false).unwrap();
+        let views = light_views(&light, &casters, 128).unwrap();
+        let layers = Layers {
+            count: 1,
+            compression: Compression {
+                error: 0.0,
+                threshold: 0.0,
+                resets: 0,
+            },
+            opaque: true,
+        };
+        let view = views.groups.into_iter().flatten().next().unwrap();
+        let map = layer_map(view, &casters, &layers, &Control::default()).unwrap();
+        (map, light)
+    }
+
+    #[test]
+    fn nothing_between_a_receiver_and_the_light_is_left_out() {
+        let center = DVec3::new(0.2, -0.1, 2.0);
+        let light = Light::disk(center, DVec3::NEG_Z, 0.4, [1.0; 3]).unwrap();
+        let (map, light) = map(&light);
+        let source = Source::new(&light, &map.view.camera);
+        let (mut free, mut held) = (0, 0);
+        for i in 0..400u32 {
+            let at = |step: f64| 2.0 * (f64::from(i) * step).fract() - 1.0;
+            let p = DVec3::new(
+                2.0 * at(0.754_877_7),
+                2.0 * at(0.569_840_3),
+                0.5 * at(0.618_034) - 0.4,
+            );
+            let n = DVec3::new(at(0.137), at(0.291), 1.2).normalize();
+            let found = Region::new(&map, &source, p, n, None);
+            // All texels, by brute force: those that the receiver's segments pass at their depth.
+            let every = Region {
+                nearest: map.view.inverse_near as f32,
+                ..found.unwrap_or_else(|| everything(&map, p, n))
+            };
+            let mut largest = 0.0f32;
+            for y in 0..map.levels[0].height {
+                for x in 0..map.levels[0].width {
+                    let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
+                    let texel = every.texel(x, y).unwrap();
+                    let Some((_, w)) = every.layer(texel, 0) else {
+                        continue;
+                    };
+                    let (low, high) = source.region(every.h, 1.0 / f64::from(w));
+                    let at = DVec2::new(f64::from(x), f64::from(y));
+                    let within = at.cmpge(low).all() && at.cmple(high).all();
+                    if within && every.is_between(x, y, w) {
+                        largest = largest.max(w);
+                    }
+                }
+            }
+            match found {
+                Some(region) => {
+                    assert!(
+                        region.nearest >= largest,
+                        "{i}: {} {largest}",
+                        region.nearest
+                    );
+                    held += 1;
+                }
+                None => {
+                    assert_eq!(largest, 0.0, "{i}");
+                    free += 1;
+                }
+            }
+        }
+        assert!(free > 20 && held > 100, "{free} {held}");
+    }
+
+    /// The region of a receiver as if something were just before the light.
+    fn everything<'a>(map: &'a LayerMap, p: DVec3, n: DVec3) -> Region<'a> {
+        let h = map.view.camera.project(p);
+        let d = map.view.camera.direction(h.x / h.z, h.y / h.z);
+        let sum = n.dot(p - map.view.camera.eye) + h.z / map.view.focal;
+        let change = |x: f64, y: f64| {
+            let moved = map.view.camera.direction(h.x / h.z + x, h.y / h.z + y);
+            (n.dot(moved - d) / sum) as f32
+        };
+        let height = n.dot(p - map.view.camera.eye);
+        Region {
+            map,
+            nearest: map.view.inverse_near as f32,
+            h,
+            q: (h.truncate() / h.z).as_vec2().to_array(),
+            floor: (1.0 / h.z) as f32,
+            plane: [
+                change(1.0, 0.0),
+                change(0.0, 1.0),
+                (height / (h.z * sum)) as f32,
+            ],
+            nearer: sum < 0.0,
+        }
+    }
+}

@@ -381,7 +381,9 @@ impl Prepared for PreparedMvsm {
                 control.step()?;
                 memory.blockers.clear();
                 memory.blockers.resize(views.sampler.len(), None);
-                Ok(range.map(|i| one(i, memory)).collect())
+                // With the most samples a receiver takes a tenth of a second.
+                let checked = |i| control.check().map(|()| one(i, memory));
+                range.map(checked).collect()
             })
             .collect::<Result<_>>()?;
         Ok(Shading {
