@@ -23,6 +23,8 @@ __all__ = [
     "growing_light",
     "landscape",
     "overlapping_boards",
+    "teapot",
+    "tube",
     "two_cylinders",
     "two_lights",
 ]
@@ -93,7 +95,7 @@ def growing_light(
     for i, (x, y, turn) in enumerate(
         [(-0.45, 0.3, 30.0), (0.5, 0.35, 150.0), (0.05, -0.45, 265.0)]
     ):
-        pot = _teapot(48 if dense else 24)
+        pot = teapot(48 if dense else 24)
         pot.apply_transform(trimesh.transformations.rotation_matrix(math.radians(turn), (0, 0, 1)))
         pot.apply_translation((x, y, 0))
         scene.add(pot, name=f"teapot {i}", albedo=(0.5, 0.7, 0.5), casts=False)
@@ -296,7 +298,7 @@ def _logo(segments: int) -> trimesh.Trimesh:
     return mesh
 
 
-def _tube(
+def tube(
     path: npt.NDArray[np.float64], radii: npt.NDArray[np.float64], sections: int
 ) -> trimesh.Trimesh:
     """Return the surface around a path in the xz plane; open at both ends."""
@@ -313,7 +315,7 @@ def _tube(
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def _teapot(sections: int) -> trimesh.Trimesh:
+def teapot(sections: int) -> trimesh.Trimesh:
     """Return something like a teapot on z = 0: a body with a lid and a knob, spout and handle."""
     radii = [0, 0.14, 0.2, 0.24, 0.22, 0.16, 0.17, 0.1, 0.03, 0.02, 0.04, 0.03, 0]
     heights = [0, 0, 0.04, 0.12, 0.2, 0.26, 0.28, 0.32, 0.33, 0.35, 0.37, 0.39, 0.4]
@@ -323,8 +325,8 @@ def _teapot(sections: int) -> trimesh.Trimesh:
     spout = np.column_stack([0.2 + 0.2 * t, 0 * t, 0.12 + 0.16 * t * t * (3 - 2 * t)])
     swing = math.pi * t
     handle = np.column_stack([-0.2 - 0.14 * np.sin(swing), 0 * t, 0.16 + 0.08 * np.cos(swing)])
-    parts = [body, _tube(spout, 0.055 - 0.03 * t, sections // 2)]
-    parts.append(_tube(handle, np.full(len(t), 0.02), sections // 2))
+    parts = [body, tube(spout, 0.055 - 0.03 * t, sections // 2)]
+    parts.append(tube(handle, np.full(len(t), 0.02), sections // 2))
     joined: trimesh.Trimesh = trimesh.util.concatenate(parts)
     return joined
 

@@ -6,7 +6,7 @@ The models are not part of softshadow; they come with packages that ``pip instal
 - the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
 - Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
 
-The figures of the papers (`softshadow.figures`) are built from scratch, and so are a tree and a
+The figures of the papers (`softshadow.figures`, `softshadow.gallery`) are built from scratch, and so are a tree and a
 ball of fur; those and a statue (`softshadow.dense`) have the triangles that the methods are for.
 """
 
@@ -28,6 +28,7 @@ from softshadow.figures import (
     two_cylinders,
     two_lights,
 )
+from softshadow.gallery import aircraft, bunny_and_sphere, fork, two_teapots
 from softshadow.light import RectLight
 from softshadow.models import city_path, missing, stanford_bunny, stanford_bunny_path
 from softshadow.scene import Scene
@@ -36,10 +37,13 @@ from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, sq
 __all__ = [
     "Setup",
     "acute_triangle",
+    "aircraft",
+    "bunny_and_sphere",
     "bunny_on_plane",
     "city",
     "city_path",
     "closed_solids",
+    "fork",
     "fur_ball",
     "growing_light",
     "half_plane",
@@ -51,6 +55,7 @@ __all__ = [
     "tree",
     "two_cylinders",
     "two_lights",
+    "two_teapots",
 ]
 
 
