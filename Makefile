@@ -44,6 +44,7 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python benches/mitsuba_speed.py
 	$(BIN)/python benches/wedges.py
+	$(BIN)/python benches/ssoc.py
 	$(BIN)/python benches/accumulation.py
 	$(BIN)/python benches/single_sample.py
 	$(BIN)/python benches/map_rivals.py

@@ -9,36 +9,17 @@ benches/README.md says how to read it.
 from __future__ import annotations
 
 import argparse
-import csv
 import statistics
 import time
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import softshadow as ss
 import trimesh
-
-RESULTS = Path(__file__).parent / "results"
+from tables import table
 
 PARTS = ("speed", "errors", "convergence", "city", "convolution")
-
-
-def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
-    """Print rows as they come and write them to a CSV."""
-    done: list[dict[str, Any]] = []
-    print(f"\n{name}")
-    for row in rows:
-        if not done:
-            print(" | ".join(row))
-        print(" | ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()))
-        done.append(row)
-    RESULTS.mkdir(exist_ok=True)
-    with (RESULTS / f"accumulation_{name}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(done[0]))
-        writer.writeheader()
-        writer.writerows(done)
 
 
 def torus_over_square(triangles: int = 2000) -> tuple[ss.Scene, ss.Light]:
@@ -213,7 +194,7 @@ def main() -> None:
     if options.quick:
         options.size, options.repeats, options.samples = 128, 1, 64
     for part in options.parts:
-        table(part, globals()[part](options))
+        table(f"accumulation_{part}", globals()[part](options))
 
 
 if __name__ == "__main__":

@@ -10,17 +10,14 @@ benches/README.md says how to read it.
 from __future__ import annotations
 
 import argparse
-import csv
 import statistics
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import softshadow as ss
 from softshadow.scenes import Setup
-
-RESULTS = Path(__file__).parent / "results"
+from tables import table
 
 PARTS = ("errors", "growth", "times")
 
@@ -61,25 +58,6 @@ def methods(setup: Setup, samples: int) -> dict[str, ss.Method]:
         "mvsm, 1 view": ss.Mvsm(views=1, samples=samples, **opacity),
         "mtsm": ss.Mtsm(samples=samples),
     }
-
-
-def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
-    """Print rows as they come and write them to a CSV."""
-    done: list[dict[str, Any]] = []
-    print(f"\n{name}", flush=True)
-    for row in rows:
-        if not done:
-            print(" | ".join(row))
-        values = row.values()
-        print(
-            " | ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in values), flush=True
-        )
-        done.append(row)
-    RESULTS.mkdir(exist_ok=True)
-    with (RESULTS / f"map_rivals_{name}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(done[0]))
-        writer.writeheader()
-        writer.writerows(done)
 
 
 def measured(setup: Setup, chosen: dict[str, ss.Method], samples: int) -> Iterable[dict[str, Any]]:
@@ -149,7 +127,7 @@ def main() -> None:
     if options.quick:
         options.size, options.samples, options.repeats = 128, 64, 1
     for part in options.parts:
-        table(part, globals()[part](options))
+        table(f"map_rivals_{part}", globals()[part](options))
 
 
 if __name__ == "__main__":

@@ -9,38 +9,19 @@ benches/README.md says how to read it.
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import softshadow as ss
 import trimesh
 from softshadow.scenes import Setup
-
-RESULTS = Path(__file__).parent / "results"
+from tables import table
 
 PARTS = ("speed", "errors", "small")
 
 DIAMETERS = (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 """Diameters of the light over its distance."""
-
-
-def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
-    """Print rows as they come and write them to a CSV."""
-    done: list[dict[str, Any]] = []
-    print(f"\n{name}")
-    for row in rows:
-        if not done:
-            print(" | ".join(row))
-        print(" | ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()))
-        done.append(row)
-    RESULTS.mkdir(exist_ok=True)
-    with (RESULTS / f"single_sample_{name}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(done[0]))
-        writer.writeheader()
-        writer.writerows(done)
 
 
 def ground() -> tuple[Any, Any]:
@@ -189,7 +170,7 @@ def main() -> None:
         options.size, options.repeats, options.samples = 128, 1, 64
     for part in options.parts:
         count = options.repeats if part == "speed" else options.samples
-        table(part, globals()[part](options.size, count))
+        table(f"single_sample_{part}", globals()[part](options.size, count))
 
 
 if __name__ == "__main__":

@@ -10,63 +10,20 @@ meshes' adjacency, as when the light or an object moves. benches/README.md says 
 from __future__ import annotations
 
 import argparse
-import csv
-import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import softshadow as ss
 from softshadow.scenes import Setup
-
-RESULTS = Path(__file__).parent / "results"
+from tables import against_reference, dynamic_frame, in_turn, table
 
 PARTS = ("speed", "receivers", "gains", "errors", "fans")
 
 
-def dynamic_frame(setup: Setup, method: ss.Method) -> dict[str, float]:
-    """Return one frame's milliseconds by stage, with everything rebuilt but the adjacency."""
-    image = ss.render(setup.scene, setup.camera, setup.light, method)
-    seconds = image.seconds
-    stages = {name: seconds.get(name, 0.0) for name in ("silhouettes", "wedges")}
-    stages |= {name: seconds[name] for name in ("receivers", "shade")}
-    stages["rest"] = seconds["frame"] - seconds["receivers"] - seconds["shade"]
-    stages["total"] = seconds["frame"] + stages["silhouettes"] + stages["wedges"]
-    return {name: 1e3 * value for name, value in stages.items()}
-
-
-def in_turn(
-    cases: Sequence[tuple[dict[str, Any], Setup, ss.Method]], repeats: int
-) -> Iterable[dict[str, Any]]:
-    """Time cases in turn, round after round, and yield the medians of their stages."""
-    frames: list[list[dict[str, float]]] = [[] for _ in cases]
-    for round_ in range(repeats + 1):
-        for case, (_, setup, method) in zip(frames, cases, strict=True):
-            frame = dynamic_frame(setup, method)
-            # The first round builds adjacency and warms up.
-            if round_:
-                case.append(frame)
-    for (labels, _, _), case in zip(cases, frames, strict=True):
-        medians = {name: statistics.median(f[name] for f in case) for name in case[0]}
-        yield labels | medians | {"fps": 1e3 / medians["total"]}
-
-
-def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
-    """Print rows as they come and write them to a CSV."""
-    done: list[dict[str, Any]] = []
-    print(f"\n{name}")
-    for row in rows:
-        if not done:
-            print(" | ".join(row))
-        print(" | ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()))
-        done.append(row)
-    RESULTS.mkdir(exist_ok=True)
-    with (RESULTS / f"wedges_{name}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(done[0]))
-        writer.writeheader()
-        writer.writerows(done)
+def frame(setup: Setup, method: ss.Method) -> Callable[[], dict[str, float]]:
+    """Return what renders a frame with its silhouettes and wedges."""
+    return lambda: dynamic_frame(setup, method, ("silhouettes", "wedges"))
 
 
 def silhouette_edges(setup: Setup) -> int:
@@ -93,7 +50,7 @@ def speed(size: int, repeats: int) -> Iterable[dict[str, Any]]:
         for light_size in sizes:
             setup = make(width=size, height=size, light="sphere", light_size=light_size)
             labels = {"scene": name, "edges": silhouette_edges(setup), "light": light_size}
-            cases.append((labels, setup, ss.Wedges()))
+            cases.append((labels, frame(setup, ss.Wedges())))
         yield from in_turn(cases, repeats)
 
 
@@ -102,7 +59,7 @@ def receivers(size: int, repeats: int) -> Iterable[dict[str, Any]]:
     cases = []
     for triangles in (2, 1_000, 10_000, 100_352, 1_000_000):
         setup = ss.scenes.landscape(width=size, height=size, triangles=triangles)
-        cases.append(({"receiver triangles": triangles}, setup, ss.Wedges()))
+        cases.append(({"receiver triangles": triangles}, frame(setup, ss.Wedges())))
     yield from in_turn(cases, repeats)
 
 
@@ -122,7 +79,7 @@ def gains(size: int, repeats: int) -> Iterable[dict[str, Any]]:
         "hard (ray traced)": ss.Hard(),
     }
     setup = ss.scenes.growing_light(width=size, height=size, dense=True)
-    cases = [({"method": name}, setup, method) for name, method in variants.items()]
+    cases = [({"method": name}, frame(setup, method)) for name, method in variants.items()]
     yield from in_turn(cases, repeats)
 
 
@@ -167,29 +124,6 @@ def fans(size: int, samples: int) -> Iterable[dict[str, Any]]:
     yield from against_reference(scenes, methods, samples)
 
 
-def against_reference(
-    scenes: dict[str, Setup], methods: dict[str, ss.Method], samples: int
-) -> Iterable[dict[str, Any]]:
-    """Yield errors over the pixels that the reference sees partly lit."""
-    for name, setup in scenes.items():
-        reference = ss.render(setup.scene, setup.camera, setup.light, ss.RayTraced(samples))
-        partly = reference.mask & (reference.visibility > 0.002) & (reference.visibility < 0.998)
-        for label, method in methods.items():
-            image = ss.render(setup.scene, setup.camera, setup.light, method)
-            everywhere = image.visibility.astype(np.float64) - reference.visibility
-            error = everywhere[partly]
-            yield {
-                "scene": name,
-                "method": label,
-                "penumbra": float(partly.sum() / reference.mask.sum()),
-                "mae": float(np.abs(error).mean()),
-                "rmse": float(np.sqrt((error**2).mean())),
-                "bias": float(error.mean()),
-                "mae all": float(np.abs(everywhere[reference.mask]).mean()),
-                "ms": 1e3 * image.seconds["shade"],
-            }
-
-
 def main() -> None:
     """Run the parts that were asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -203,9 +137,9 @@ def main() -> None:
         options.size, options.repeats, options.samples = 128, 1, 64
     for part in options.parts:
         if part in ("errors", "fans"):
-            table(part, globals()[part](options.size, options.samples))
+            table(f"wedges_{part}", globals()[part](options.size, options.samples))
         else:
-            table(part, globals()[part](options.size, options.repeats))
+            table(f"wedges_{part}", globals()[part](options.size, options.repeats))
 
 
 if __name__ == "__main__":
