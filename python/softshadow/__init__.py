@@ -16,7 +16,18 @@ from softshadow._core import ParameterError, SceneError, UnsupportedError, __ver
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.methods import Hard, Method, Mtsm, RayTraced, ShadowVolume, Ssoc, Wedges, method_names
+from softshadow.methods import (
+    Hard,
+    Method,
+    Mlsm,
+    Mtsm,
+    RayTraced,
+    ShadowVolume,
+    Slsm,
+    Ssoc,
+    Wedges,
+    method_names,
+)
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Mesh, Scene, Spheres
 
@@ -29,6 +40,7 @@ __all__ = [
     "Light",
     "Mesh",
     "Method",
+    "Mlsm",
     "Mtsm",
     "ParameterError",
     "Prepared",
@@ -37,6 +49,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "ShadowVolume",
+    "Slsm",
     "SphereLight",
     "Spheres",
     "Ssoc",
