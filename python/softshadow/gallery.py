@@ -1,8 +1,8 @@
 """The scenes of "The Soft Shadow Occlusion Camera", as near as models allow.
 
 Mo, Popescu and Wyman, Pacific Graphics 2007: a bunny, models with a sphere, an aircraft, two
-teapots (Figures 10 to 12), and a fork, at which the method fails (Figure 13). Their models are known
-from the pictures and their numbers of triangles. All are z-up, near unit size and near the origin;
+teapots (Figures 10 to 12), and a fork, at which the method fails (Figure 13). Their models are
+known from the pictures and their numbers of triangles. All are z-up, near unit size and near the origin;
 `softshadow.scenes` has them too. Lights are given by the radius of the paper's spheres, which are
 0, 0.1 and 0.3 there.
 """
@@ -129,7 +129,9 @@ def fork(
     parts = []
     for k in range(4):
         x = 0.06 * (k - 1.5)
-        parts.append(_blade([(x - 0.012, 0.1), (x + 0.012, 0.1), (x + 0.008, 0.6), (x, 0.6)], 0.024))
+        parts.append(
+            _blade([(x - 0.012, 0.1), (x + 0.012, 0.1), (x + 0.008, 0.6), (x, 0.6)], 0.024)
+        )
     parts.append(_blade([(-0.105, -0.04), (0.105, -0.04), (0.102, 0.1), (-0.102, 0.1)], 0.024))
     parts.append(_blade([(-0.03, -0.6), (0.03, -0.6), (0.02, -0.04), (-0.02, -0.04)], 0.024))
     scene = _over_ground()
@@ -146,7 +148,10 @@ def _blade(outline: npt.ArrayLike, thick: float) -> trimesh.Trimesh:
     fan = np.array([[0, i, i + 1] for i in range(1, n - 1)])
     side = np.arange(n)
     after = (side + 1) % n
-    walls = [np.column_stack([side, after, after + n]), np.column_stack([side, after + n, side + n])]
+    walls = [
+        np.column_stack([side, after, after + n]),
+        np.column_stack([side, after + n, side + n]),
+    ]
     mesh = trimesh.Trimesh(
         np.vstack([low, high]), np.vstack([fan[:, ::-1], fan + n, *walls]), process=False
     )

@@ -466,8 +466,90 @@ class Wedges(Method):
 
 
 @dataclass(frozen=True)
-class Mtsm(Method):
-    """Ray-traced multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007)."""
+class Slsm(Method):
+    """Ray-traced shadow maps of one layer (Xie, Tabellion and Pearce 2007).
+
+    Parameters
+    ----------
+    resolution : int
+        Texels along the longer side of each map, 16 to 16384.
+    layers : int
+        Surfaces kept in a texel, the nearest to the light, 1 to 64.
+    samples : int
+        Light samples per receiver, 1 to 65536: those of ``RayTraced(pattern="fixed")``.
+    seed : int
+        Of the light samples.
+    z_threshold : float, optional
+        Thickness of surfaces to either side, world units; None: surfaces are planes within a texel.
+    bias : float
+        World units that an occluder must be above a receiver's tangent plane, beside what texel
+        size and slope ask for.
+    detail : float
+        Texels across the light that are told apart: fewer are faster, more are closer.
+    error : float
+        Largest error of visibility in the compression of transparent layers, 0 to 1.
+    threshold : float
+        Visibility that counts as none, 0 to 1.
+    resets : int
+        How often visibility starts again behind what is opaque, 0 to 64.
+    crossing : {"multiply", "subtract"}
+        Whether crossings multiply, or subtract what they take from the map's own ray (equation 3).
+    opacity : {"opaque"}, optional
+        ``"opaque"`` lets every mesh with an opacity above 0 block all light.
+    """
+
+    resolution: int = 1024
+    layers: int = 1
+    samples: int = 256
+    seed: int = 0
+    z_threshold: float | None = None
+    bias: float = 0.0
+    detail: float = 24.0
+    error: float = 0.02
+    threshold: float = 1 / 512
+    resets: int = 4
+    crossing: Literal["multiply", "subtract"] = "multiply"
+    opacity: Literal["opaque"] | None = None
+
+    name: ClassVar[str] = "slsm"
+    points: ClassVar[bool] = True
+
+    def _to_core(self) -> _core.Method:
+        return _core.Method.slsm(self)
+
+
+@dataclass(frozen=True)
+class Mlsm(Method):
+    """Ray-traced multilayer shadow maps (Xie, Tabellion and Pearce 2007).
+
+    Parameters
+    ----------
+    resolution : int
+        Texels along the longer side of each map, 16 to 16384.
+    layers : int
+        Surfaces kept in a texel, the nearest to the light, 1 to 64.
+    samples : int
+        Light samples per receiver, 1 to 65536: those of ``RayTraced(pattern="fixed")``.
+    seed : int
+        Of the light samples.
+    z_threshold : float, optional
+        Thickness of surfaces to either side, world units; None: surfaces are planes within a texel.
+    bias : float
+        World units that an occluder must be above a receiver's tangent plane, beside what texel
+        size and slope ask for.
+    detail : float
+        Texels across the light that are told apart: fewer are faster, more are closer.
+    error : float
+        Largest error of visibility in the compression of transparent layers, 0 to 1.
+    threshold : float
+        Visibility that counts as none, 0 to 1.
+    resets : int
+        How often visibility starts again behind what is opaque, 0 to 64.
+    crossing : {"multiply", "subtract"}
+        Whether crossings multiply, or subtract what they take from the map's own ray (equation 3).
+    opacity : {"opaque"}, optional
+        ``"opaque"`` lets every mesh with an opacity above 0 block all light.
+    """
 
     resolution: int = 1024
     layers: int = 5
@@ -475,7 +557,60 @@ class Mtsm(Method):
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 64.0
+    detail: float = 24.0
+    error: float = 0.02
+    threshold: float = 1 / 512
+    resets: int = 4
+    crossing: Literal["multiply", "subtract"] = "multiply"
+    opacity: Literal["opaque"] | None = None
+
+    name: ClassVar[str] = "mlsm"
+    points: ClassVar[bool] = True
+
+    def _to_core(self) -> _core.Method:
+        return _core.Method.mlsm(self)
+
+
+@dataclass(frozen=True)
+class Mtsm(Method):
+    """Ray-traced multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007).
+
+    Parameters
+    ----------
+    resolution : int
+        Texels along the longer side of each map, 16 to 16384.
+    layers : int
+        Surfaces kept in a texel, the nearest to the light, 1 to 64.
+    samples : int
+        Light samples per receiver, 1 to 65536: those of ``RayTraced(pattern="fixed")``.
+    seed : int
+        Of the light samples.
+    z_threshold : float, optional
+        Thickness of surfaces to either side, world units; None: surfaces are planes within a texel.
+    bias : float
+        World units that an occluder must be above a receiver's tangent plane, beside what texel
+        size and slope ask for.
+    detail : float
+        Texels across the light that are told apart: fewer are faster, more are closer.
+    error : float
+        Largest error of visibility in the compression of transparent layers, 0 to 1.
+    threshold : float
+        Visibility that counts as none, 0 to 1.
+    resets : int
+        How often visibility starts again behind what is opaque, 0 to 64.
+    crossing : {"multiply", "subtract"}
+        Whether crossings multiply, or subtract what they take from the map's own ray (equation 3).
+    opacity : {"opaque"}, optional
+        ``"opaque"`` lets every mesh with an opacity above 0 block all light.
+    """
+
+    resolution: int = 1024
+    layers: int = 5
+    samples: int = 256
+    seed: int = 0
+    z_threshold: float | None = None
+    bias: float = 0.0
+    detail: float = 24.0
     error: float = 0.02
     threshold: float = 1 / 512
     resets: int = 4
@@ -497,12 +632,14 @@ _METHODS: dict[str, type[Method]] = {
         Convolution,
         DeepShadow,
         Hard,
+        Mlsm,
         Mtsm,
         Mvsm,
         Pcf,
         RayTraced,
         ShadowVolume,
         SingleSample,
+        Slsm,
         Ssoc,
         Wedges,
     )

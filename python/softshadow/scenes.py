@@ -6,8 +6,9 @@ The models are not part of softshadow; they come with packages that ``pip instal
 - the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
 - Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
 
-The figures of the papers (`softshadow.figures`, `softshadow.gallery`) are built from scratch, and so are a tree and a
-ball of fur; those and a statue (`softshadow.dense`) have the triangles that the methods are for.
+The figures of the papers (`softshadow.figures`, `softshadow.gallery`) are built from scratch, and
+so are a tree and a ball of fur; those and a statue (`softshadow.dense`) have the triangles that the
+methods are for.
 """
 
 from __future__ import annotations

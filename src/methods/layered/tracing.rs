@@ -217,7 +217,8 @@ impl Walk<'_> {
         let right = left + Vec4::splat(size);
         let upper = Vec4::new(v, v, v + size, v + size);
         let lower = upper + Vec4::splat(size);
-        if self.has_plane {
+        // What is before the receiver as a whole is seldom below its tangent plane.
+        if self.has_plane && far.min_element() <= TINY {
             let [a, b, c] = self.pencil.plane.map(Vec4::splat);
             let high =
                 (a * left).max(a * right) + (b * upper).max(b * lower) + (c * near).max(c * far);
