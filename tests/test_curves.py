@@ -104,8 +104,8 @@ def test_every_method_takes_curves():
         image = ss.render(scene, CAMERA, LIGHT, name)
         assert np.array_equal(image.triangle_id, reference.triangle_id), name
         hidden = 1 - image.visibility[on_ground].mean()
-        # Hair is the hardest of casters for most; all see that there is some. Single sample soft shadows
-        # make what is small as dark as what is large (the paper's Figure 5).
+        # Hair is the hardest of casters for most; all see that there is some. Single sample soft
+        # shadows make what is small as dark as what is large (the paper's Figure 5).
         most = np.inf if name == "single_sample" else 3
         assert 0.25 < hidden / (1 - reference.visibility[on_ground].mean()) < most, name
 
