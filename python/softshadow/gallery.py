@@ -2,9 +2,9 @@
 
 Mo, Popescu and Wyman, Pacific Graphics 2007: a bunny, models with a sphere, an aircraft, two
 teapots (Figures 10 to 12), and a fork, at which the method fails (Figure 13). Their models are
-known from the pictures and their numbers of triangles. All are z-up, near unit size and near the origin;
-`softshadow.scenes` has them too. Lights are given by the radius of the paper's spheres, which are
-0, 0.1 and 0.3 there.
+known from the pictures and their numbers of triangles. All are z-up, near unit size and near the
+origin; `softshadow.scenes` has them too. Lights are given by the radius of the paper's spheres,
+which are 0, 0.1 and 0.3 there.
 """
 
 from __future__ import annotations
