@@ -467,52 +467,51 @@ class Wedges(Method):
 
 @dataclass(frozen=True)
 class Slsm(Method):
-    """Ray-traced shadow maps of one layer (Xie, Tabellion and Pearce 2007).
+    """Ray-traced single-layer shadow maps (Xie, Tabellion and Pearce 2007, Section 4).
+
+    One shadow map, drawn from behind the light; segments from a receiver to points of the light are
+    traced through it. What the first surface hides from the light's centre is missing and lets
+    light through; see ``docs/methods/mtsm.md``.
 
     Parameters
     ----------
-    resolution : int
-        Texels along the longer side of each map, 16 to 16384.
-    layers : int
-        Surfaces kept in a texel, the nearest to the light, 1 to 64.
+    resolution : int, optional
+        Texels along the longer side of each map, 16 to 16384. ``None``: from the number of
+        triangles, 512 to 2048.
     samples : int
-        Light samples per receiver, 1 to 65536: those of ``RayTraced(pattern="fixed")``.
+        Light samples per receiver, 1 to 65536.
     seed : int
-        Of the light samples.
+        Of the light samples, 0 to 2**64 - 1.
     z_threshold : float, optional
-        Thickness of surfaces to either side, world units; None: surfaces are planes within a texel.
+        Thickness of surfaces to either side, world units. By default none: a texel's piece of a
+        surface has its triangle's slope, and covers without gaps.
     bias : float
-        World units that an occluder must be above a receiver's tangent plane, beside what texel
-        size and slope ask for.
+        How far above a receiver's tangent plane occluders have to be, world units, beside what the
+        texels' slopes ask for.
     detail : float
-        Texels across the light that are told apart: fewer are faster, more are closer.
-    error : float
-        Largest error of visibility in the compression of transparent layers, 0 to 1.
-    threshold : float
-        Visibility that counts as none, 0 to 1.
-    resets : int
-        How often visibility starts again behind what is opaque, 0 to 64.
-    crossing : {"multiply", "subtract"}
-        Whether crossings multiply, or subtract what they take from the map's own ray (equation 3).
+        Texels across the light, as a receiver sees it, that are told apart, 1 to 65536: where
+        there are more, coarser levels of the map answer.
     opacity : {"opaque"}, optional
-        ``"opaque"`` lets every mesh with an opacity above 0 block all light.
+        ``"opaque"`` lets every mesh with an opacity above 0 block all light; without, transparent
+        meshes that cast are an error.
     """
 
-    resolution: int = 1024
-    layers: int = 1
+    resolution: int | None = 1024
     samples: int = 256
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 24.0
-    error: float = 0.02
-    threshold: float = 1 / 512
-    resets: int = 4
-    crossing: Literal["multiply", "subtract"] = "multiply"
+    detail: float = 20.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "slsm"
     points: ClassVar[bool] = True
+    # What the kernel asks of all three and users of `Mtsm` choose.
+    layers: ClassVar[int] = 1
+    error: ClassVar[float] = 0.0
+    threshold: ClassVar[float] = 0.0
+    resets: ClassVar[int] = 0
+    crossing: ClassVar[str] = "multiply"
 
     def _to_core(self) -> _core.Method:
         return _core.Method.slsm(self)
@@ -520,52 +519,36 @@ class Slsm(Method):
 
 @dataclass(frozen=True)
 class Mlsm(Method):
-    """Ray-traced multilayer shadow maps (Xie, Tabellion and Pearce 2007).
+    """Ray-traced multilayer shadow maps (Xie, Tabellion and Pearce 2007, Section 4).
+
+    As `Slsm`, with the nearest few surfaces of every texel; see ``docs/methods/mtsm.md``.
 
     Parameters
     ----------
-    resolution : int
-        Texels along the longer side of each map, 16 to 16384.
-    layers : int
-        Surfaces kept in a texel, the nearest to the light, 1 to 64.
-    samples : int
-        Light samples per receiver, 1 to 65536: those of ``RayTraced(pattern="fixed")``.
-    seed : int
-        Of the light samples.
-    z_threshold : float, optional
-        Thickness of surfaces to either side, world units; None: surfaces are planes within a texel.
-    bias : float
-        World units that an occluder must be above a receiver's tangent plane, beside what texel
-        size and slope ask for.
-    detail : float
-        Texels across the light that are told apart: fewer are faster, more are closer.
-    error : float
-        Largest error of visibility in the compression of transparent layers, 0 to 1.
-    threshold : float
-        Visibility that counts as none, 0 to 1.
-    resets : int
-        How often visibility starts again behind what is opaque, 0 to 64.
-    crossing : {"multiply", "subtract"}
-        Whether crossings multiply, or subtract what they take from the map's own ray (equation 3).
-    opacity : {"opaque"}, optional
-        ``"opaque"`` lets every mesh with an opacity above 0 block all light.
+    resolution : int, optional
+        Texels along the longer side of each map, 16 to 16384. ``None``: from the number of
+        triangles, 512 to 2048.
+    layers : int, optional
+        Surfaces kept of a texel, 1 to 64. ``None``: from the scene's depth complexity, 1 to 8.
+    samples, seed, z_threshold, bias, detail, opacity
+        As of `Slsm`.
     """
 
-    resolution: int = 1024
-    layers: int = 5
+    resolution: int | None = None
+    layers: int | None = None
     samples: int = 256
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 24.0
-    error: float = 0.02
-    threshold: float = 1 / 512
-    resets: int = 4
-    crossing: Literal["multiply", "subtract"] = "multiply"
+    detail: float = 20.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "mlsm"
     points: ClassVar[bool] = True
+    error: ClassVar[float] = 0.0
+    threshold: ClassVar[float] = 0.0
+    resets: ClassVar[int] = 0
+    crossing: ClassVar[str] = "multiply"
 
     def _to_core(self) -> _core.Method:
         return _core.Method.mlsm(self)
@@ -573,44 +556,38 @@ class Mlsm(Method):
 
 @dataclass(frozen=True)
 class Mtsm(Method):
-    """Ray-traced multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007).
+    """Ray-traced multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007, Section 5).
+
+    As `Mlsm`, and layers may let light through: where a texel's ray crosses more surfaces than
+    there are layers, runs of them become one layer that knows how many it stands for. Of an opaque
+    scene it is the same to the last bit. See ``docs/methods/mtsm.md``.
 
     Parameters
     ----------
-    resolution : int
-        Texels along the longer side of each map, 16 to 16384.
-    layers : int
-        Surfaces kept in a texel, the nearest to the light, 1 to 64.
-    samples : int
-        Light samples per receiver, 1 to 65536: those of ``RayTraced(pattern="fixed")``.
-    seed : int
-        Of the light samples.
-    z_threshold : float, optional
-        Thickness of surfaces to either side, world units; None: surfaces are planes within a texel.
-    bias : float
-        World units that an occluder must be above a receiver's tangent plane, beside what texel
-        size and slope ask for.
-    detail : float
-        Texels across the light that are told apart: fewer are faster, more are closer.
+    resolution, layers, samples, seed, z_threshold, bias, detail
+        As of `Mlsm`.
     error : float
-        Largest error of visibility in the compression of transparent layers, 0 to 1.
+        Largest error of a texel's visibility that making crossings one layer may cause, 0 to 1;
+        more where they are too many for `layers`.
     threshold : float
-        Visibility that counts as none, 0 to 1.
+        Transmittance, 0 to 1, at and below which a light sample counts as hidden.
     resets : int
-        How often visibility starts again behind what is opaque, 0 to 64.
+        How often a texel's visibility starts from 1 again behind what is opaque, 0 to 64.
     crossing : {"multiply", "subtract"}
-        Whether crossings multiply, or subtract what they take from the map's own ray (equation 3).
+        Whether a crossing multiplies a segment's transmittance, or subtracts what it takes from the
+        texel's own ray (the paper's equation 3 as printed: too light where a segment has not
+        crossed the layers before).
     opacity : {"opaque"}, optional
         ``"opaque"`` lets every mesh with an opacity above 0 block all light.
     """
 
-    resolution: int = 1024
-    layers: int = 5
+    resolution: int | None = None
+    layers: int | None = None
     samples: int = 256
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 24.0
+    detail: float = 20.0
     error: float = 0.02
     threshold: float = 1 / 512
     resets: int = 4

@@ -442,8 +442,8 @@ impl SsocParameters {
 /// The parameters of layered shadow maps as Python has them: attributes of `softshadow.Slsm`, `Mlsm` and `Mtsm`.
 #[derive(FromPyObject)]
 pub(super) struct LayeredParameters {
-    resolution: i64,
-    layers: i64,
+    resolution: Option<i64>,
+    layers: Option<i64>,
     samples: i64,
     seed: u64,
     z_threshold: Option<f64>,
@@ -459,7 +459,7 @@ pub(super) struct LayeredParameters {
 impl LayeredParameters {
     /// Checks them.
     pub(super) fn parse(&self, kind: Kind) -> Result<Layered> {
-        let method = "Mtsm";
+        let method = kind.class();
         let crossings = [("multiply", false), ("subtract", true)];
         let settings = Settings {
             resolution: self.resolution,

@@ -2,8 +2,9 @@
 //!
 //! The scene is drawn from behind the light into a map with several layers a texel; segments from a receiver
 //! to points of the light are traced through the map instead of the scene. In the order in which they work:
-//! - [`views`]: where a map is drawn from, behind the light (equation 4), or the faces of a cube;
+//! - [`views`]: where a map is drawn from, behind the light, or the faces of a cube;
 //! - [`construction`]: the rasteriser's sinks; [`compress`]: from all crossings of a transparent texel to layers;
+//! - [`choose`]: resolution and layers where none are given;
 //! - [`map`]: what is stored; [`quadtree`]: least and largest depths, coarser maps;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
 //!
@@ -14,6 +15,7 @@
 //! last layer are missing and let light through (Section 6.2); what is smaller than a texel is right in the
 //! mean only; contact shadows begin half a texel away.
 
+pub mod choose;
 pub mod compress;
 pub mod construction;
 pub mod map;
@@ -64,15 +66,24 @@ impl Kind {
             Kind::Transparent => "mtsm",
         }
     }
+
+    /// The name of its Python class.
+    pub fn class(self) -> &'static str {
+        match self {
+            Kind::Single => "Slsm",
+            Kind::Multi => "Mlsm",
+            Kind::Transparent => "Mtsm",
+        }
+    }
 }
 
 /// What layered maps are built and traced with; lengths in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Texels on the longer side of a map.
-    pub resolution: i64,
-    /// Layers of a texel.
-    pub layers: i64,
+    /// Texels on the longer side of a map; from the number of triangles if not given.
+    pub resolution: Option<i64>,
+    /// Layers of a texel; from the scene's depth complexity if not given.
+    pub layers: Option<i64>,
     /// Light samples a receiver.
     pub samples: i64,
     /// Seed of the light samples.
@@ -108,14 +119,10 @@ impl Layered {
     /// # Errors
     /// One out of its range.
     pub fn new(kind: Kind, settings: Settings) -> Result<Self> {
-        let what = match kind {
-            Kind::Single => "Slsm",
-            Kind::Multi => "Mlsm",
-            Kind::Transparent => "Mtsm",
-        };
+        let what = kind.class();
         let integers = [
-            ("resolution", settings.resolution, 16, 16384),
-            ("layers", settings.layers, 1, 64),
+            ("resolution", settings.resolution.unwrap_or(16), 16, 16384),
+            ("layers", settings.layers.unwrap_or(1), 1, 64),
             ("samples", settings.samples, 1, MOST_SAMPLES as i64),
             ("resets", settings.resets, 0, 64),
         ];
@@ -156,8 +163,16 @@ impl Layered {
         control: &Control,
     ) -> Result<Vec<Vec<LayerMap>>> {
         let settings = &self.settings;
+        let resolution = settings
+            .resolution
+            .map_or_else(|| choose::resolution(casters), |r| r as u32);
+        let count = match (self.kind, settings.layers) {
+            (Kind::Single, _) => 1,
+            (_, Some(layers)) => layers as usize,
+            (_, None) => choose::layers(light, casters, control)?,
+        };
         let layers = Layers {
-            count: settings.layers as usize,
+            count,
             compression: Compression {
                 error: settings.error as f32,
                 threshold: settings.threshold as f32,
@@ -165,7 +180,7 @@ impl Layered {
             },
             opaque: settings.opaque || self.kind != Kind::Transparent,
         };
-        let views = light_views(light, casters, settings.resolution as u32)?;
+        let views = light_views(light, casters, resolution)?;
         let draw = |view| layer_map(view, casters, &layers, control);
         let group = |views: Vec<_>| views.into_iter().map(draw).collect();
         views.groups.into_iter().map(group).collect()
