@@ -1,9 +1,11 @@
-//! Lambert's contour formula for straight edges, without branches: one receiver, or many in registers.
+//! Unshadowed light without branches: Lambert's contour formula for straight edges, and spheres; for one
+//! receiver, or many in registers.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, SQRT_2};
 
 use glam::DVec3;
 
+use crate::light::{Light, Shape};
 use crate::simd::{Lanes, detect, dispatch};
 
 /// Receivers at once.
@@ -193,6 +195,77 @@ fn lowest(&[a, b, c, d]: &[DVec3; 4], n: DVec3) -> f64 {
 pub(crate) fn sphere_irradiance(radius: f64, distance: f64, height: f64) -> f64 {
     let sin = radius / distance;
     PI * sin * sin * height / distance
+}
+
+/// Many receivers at once.
+impl Light {
+    /// [`Light::fraction_above`] and [`Light::unshadowed_irradiance`] of many receivers, the same to the
+    /// bit: calls `each` with the receiver's number and these two.
+    pub fn unshadowed(
+        &self,
+        positions: &[DVec3],
+        normals: &[DVec3],
+        mut each: impl FnMut(usize, f64, f64),
+    ) {
+        self.many(positions, normals, true, |i, whole| match whole {
+            Some(irradiance) => each(i, 1.0, irradiance),
+            None => {
+                let (p, n) = (positions[i], normals[i]);
+                each(
+                    i,
+                    self.fraction_above(p, n),
+                    self.unshadowed_irradiance(p, n),
+                );
+            }
+        });
+    }
+
+    /// [`Light::fraction_above`] of many receivers, the same to the bit: calls `each` with the receiver's
+    /// number and this.
+    pub fn fractions_above(
+        &self,
+        positions: &[DVec3],
+        normals: &[DVec3],
+        mut each: impl FnMut(usize, f64),
+    ) {
+        self.many(positions, normals, false, |i, whole| {
+            each(
+                i,
+                match whole {
+                    Some(_) => 1.0,
+                    None => self.fraction_above(positions[i], normals[i]),
+                },
+            );
+        });
+    }
+
+    /// Calls `each` with every receiver's number, and, where all of the light is seen to be above its tangent
+    /// plane at once, the irradiance if it is wanted.
+    fn many(
+        &self,
+        positions: &[DVec3],
+        normals: &[DVec3],
+        irradiance: bool,
+        mut each: impl FnMut(usize, Option<f64>),
+    ) {
+        let outline = match self.shape {
+            Shape::Rect { center, u, v } => Outline::Rect(center, u, v),
+            Shape::Sphere { center, radius } => Outline::Sphere(center, radius),
+            Shape::Disk { .. } => {
+                (0..positions.len()).for_each(|i| each(i, None));
+                return;
+            }
+        };
+        let mut many = Many::new(outline);
+        let parts = positions.chunks(MOST).zip(normals.chunks(MOST));
+        for (part, (positions, normals)) in parts.enumerate() {
+            many.find(positions, normals, irradiance);
+            for (i, &p) in positions.iter().enumerate() {
+                let whole = many.height[i] > 0.0 && self.emits_towards(p);
+                each(part * MOST + i, whole.then_some(many.irradiance[i]));
+            }
+        }
+    }
 }
 
 #[cfg(test)]
