@@ -45,6 +45,7 @@ bench: $(STAMP)
 	$(BIN)/python benches/mitsuba_speed.py
 	$(BIN)/python benches/wedges.py
 	$(BIN)/python benches/map_rivals.py
+	$(BIN)/python benches/layered.py
 
 clean:
 	rm -rf $(VENV) target demo

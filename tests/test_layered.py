@@ -49,8 +49,9 @@ def _grid(half, count=12, z=0.0):
 # ---------------------------------------------------------------- transparent sheets
 
 
-@pytest.mark.parametrize("light", [LIGHT, ss.DiskLight((0, 0, 4), (0, 0, -1), 0.2),
-                                   ss.SphereLight((0, 0, 4), 0.2)])
+@pytest.mark.parametrize(
+    "light", [LIGHT, ss.DiskLight((0, 0, 4), (0, 0, -1), 0.2), ss.SphereLight((0, 0, 4), 0.2)]
+)
 def test_crossings_multiply(light):
     low, high = quad((0, 0, 1), (4, 0, 0), (0, 4, 0)), quad((0, 0, 2), (4, 0, 0), (0, 4, 0))
     tilted = quad((0, 0, 1.5), (4, 0, 1.2), (0, 4, 0.5))
@@ -142,9 +143,7 @@ def test_opaque_scenes_get_the_same_bits_from_several_layers():
 def test_the_light_points_are_those_of_the_reference():
     """Bands in a penumbra lie where the reference has them, and not those of another seed."""
     setup = ss.scenes.half_plane(96, 96, light="rect")
-    own, other = (
-        _render(setup, ss.RayTraced(16, seed=s, pattern="fixed")) for s in (3, 4)
-    )
+    own, other = (_render(setup, ss.RayTraced(16, seed=s, pattern="fixed")) for s in (3, 4))
     # All levels of the map but the finest are left out (measured: 0.0009 and 0.026).
     method = ss.Mtsm(4096, 1, samples=16, seed=3, detail=1000)
     assert _error(setup, method, own)[1] < 0.1 * _error(setup, method, other)[1]
@@ -213,9 +212,7 @@ def test_a_missing_layer_lets_light_through():
     scene = _sheets(*boards, fifth, opacity=1.0)
     light = ss.RectLight((0, 0, 4), (0, 2.5, 0), (2.5, 0, 0))
     points, normals = _grid(0.1, 6)
-    seen = {
-        k: ss.visibility(scene, points, normals, light, ss.Mlsm(512, k)).mean() for k in (4, 5)
-    }
+    seen = {k: ss.visibility(scene, points, normals, light, ss.Mlsm(512, k)).mean() for k in (4, 5)}
     traced = ss.visibility(scene, points, normals, light, REFERENCE).mean()
     # Under the fifth board all is dark but for what four layers do not know of.
     assert abs(seen[5] - traced) < 0.01
@@ -409,6 +406,28 @@ def test_the_bits_do_not_depend_on_the_number_of_threads():
     }
     assert len(found) == 1
     assert len(set(found.pop().split())) == 2
+
+
+def test_the_maps_are_arrays():
+    scene = ss.Scene()
+    for k in range(3):
+        scene.add(quad((0, 0, 1 - k), (2, 0, 0), (0, 2, 0)), f"sheet {k}", opacity=0.5)
+    first, *rest = ss.kernels.layered_maps(scene, LIGHT, ss.Mtsm(64, 4))
+    depths = first.depths
+    assert depths.shape[2] == 4
+    # Sheets with something behind them: two of three; the last has a coarse view of its own.
+    assert len(rest) == 1
+    h, w = np.array(depths.shape[:2]) // 2
+    away = np.linalg.norm(first.camera.eye - np.array(LIGHT.center))
+    assert np.allclose(depths[h, w, :2], [away + 3, away + 4], rtol=1e-6)
+    assert np.isinf(depths[h, w, 2:]).all()
+    assert np.allclose(first.visibility[h, w], [0.5, 0.25, 1, 1])
+    assert (first.counts[h, w] == [1, 1, 0, 0]).all()
+    assert np.array_equal(first.first_depths[h, w], depths[h, w])
+    opaque = ss.kernels.layered_maps(scene, LIGHT, ss.Mlsm(64, opacity="opaque"))[0]
+    # Two layers are what the scene fills.
+    assert opaque.depths.shape[2] == 2
+    assert opaque.visibility is None
 
 
 # ---------------------------------------------------------------- parameters

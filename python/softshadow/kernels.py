@@ -16,13 +16,15 @@ import numpy.typing as npt
 from softshadow._core import kernels as _kernels
 from softshadow.camera import Camera
 from softshadow.light import Light, Vector, as_vector
-from softshadow.methods import Ssoc, Wedges
+from softshadow.methods import Mlsm, Mtsm, Slsm, Ssoc, Wedges
 from softshadow.scene import Scene, _curve_arrays
 
 __all__ = [
+    "LayeredMap",
     "OcclusionMaps",
     "PenumbraWedges",
     "curve_tubes",
+    "layered_maps",
     "light_fraction_above",
     "light_intensity",
     "light_samples",
@@ -500,6 +502,77 @@ def ssoc_maps(
             m["depth"],
             m["inside"],
             m["outside"],
+        )
+        for m in found
+    ]
+
+
+@dataclass(frozen=True)
+class LayeredMap:
+    """One view of a layered shadow map; H by W texels of L layers, the nearest first.
+
+    Attributes
+    ----------
+    camera : Camera
+        The view, from behind the light.
+    depths : ndarray, shape (H, W, L), float32
+        Depth along the view's axis of a layer's last surface, world units; inf where there is none.
+    first_depths : ndarray, shape (H, W, L), float32, or None
+        Depth of the first surface that a layer stands for; None, as the rest, if all is opaque.
+    visibility : ndarray, shape (H, W, L), float32, or None
+        Of the texel's own ray behind a layer, 0 to 1, from 1 at the light or behind what is opaque.
+    counts : ndarray, shape (H, W, L), int32, or None
+        Surfaces that a layer stands for.
+    """
+
+    camera: Camera
+    depths: _Floats
+    first_depths: _Floats | None
+    visibility: _Floats | None
+    counts: _Ints | None
+
+
+def layered_maps(
+    scene: Scene,
+    light: Light,
+    method: Slsm | Mlsm | Mtsm | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[LayeredMap]:
+    """Build layered shadow maps (Xie, Tabellion and Pearce 2007, Sections 4.2 and 5.1).
+
+    `softshadow.visibility` with that method traces points through them.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : RectLight, DiskLight or SphereLight
+    method : Slsm, Mlsm or Mtsm, optional
+        For resolution, layers and compression; ``Mtsm()`` by default.
+    progress : callable, optional
+        Is told the finished fraction.
+
+    Returns
+    -------
+    list of LayeredMap
+        One of a flat light, and of a sphere that a single view holds; otherwise the faces of a cube
+        that something casts into. Coarser ones of what has nothing behind it come last. Empty if
+        nothing casts.
+
+    Raises
+    ------
+    ValueError
+        If the scene is empty, has spheres that cast, or transparent meshes that the method does not
+        take; if a parameter is out of its range, or a map does not fit into memory.
+    """
+    chosen = method or Mtsm()
+    found = _kernels.layered_maps(scene._core, light._core, chosen, chosen.name, progress)
+    return [
+        LayeredMap(
+            Camera.from_matrix(m["K"], m["camera_to_world"], *reversed(m["depths"].shape[:2])),
+            m["depths"],
+            m.get("first_depths"),
+            m.get("visibility"),
+            m.get("counts"),
         )
         for m in found
     ]

@@ -25,6 +25,8 @@ pub(super) mod kernels {
     use crate::simd::LANES;
 
     #[pymodule_export]
+    use super::super::layered::layered_maps;
+    #[pymodule_export]
     use super::super::ssoc::ssoc_maps;
     #[pymodule_export]
     use super::super::wedges::{light_intensity, wedges};

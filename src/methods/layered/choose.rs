@@ -16,11 +16,12 @@ use crate::error::Result;
 use crate::light::Light;
 use crate::methods::wedges::contour::Casters;
 
-/// Texels a triangle, of those in front and behind together: four by four of one that faces the light.
-const TEXELS: usize = 16;
+/// Texels a triangle, of those in front and behind together: measured on dense scenes, more of them cost
+/// time and gain a tenth of the error.
+const TEXELS: usize = 2;
 
-/// The least resolution: what the umbra's outline needs.
-const COARSEST: u32 = 512;
+/// The least resolution: the paper's own.
+const COARSEST: u32 = 1024;
 
 /// The largest: the paper's own largest (Section 7).
 const FINEST: u32 = 2048;
