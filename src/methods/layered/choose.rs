@@ -1,10 +1,10 @@
 //! Resolution and layers of a map from the scene, where none are given (Section 6.2 leaves both to the user).
 //!
-//! - **Resolution:** a map as fine as what it is drawn from: [`TEXELS`] texels a triangle, to a power of two in
-//!   [`COARSEST`] to [`FINEST`]. Pieces of planes cover in the mean what triangles cover, so that more helps
+//! - **Resolution:** a map as fine as what it is drawn from: `TEXELS` texels a triangle, to a power of two in
+//!   `COARSEST` to `FINEST`. Pieces of planes cover in the mean what triangles cover, so that more helps
 //!   little; the receivers are not known when a map is drawn.
-//! - **Layers:** the scene is drawn coarsely with many layers, and as many are taken as all but [`BEHIND`]
-//!   of the texels fill, at most [`MOST`].
+//! - **Layers:** the scene is drawn coarsely with many layers, and as many are taken as all but `BEHIND`
+//!   of the texels fill, at most `MOST`.
 //!
 //! A single bound serves all of a light's views: that of the view with the most layers.
 
