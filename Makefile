@@ -48,6 +48,7 @@ bench: $(STAMP)
 	$(BIN)/python benches/accumulation.py
 	$(BIN)/python benches/single_sample.py
 	$(BIN)/python benches/map_rivals.py
+	$(BIN)/python benches/layered.py
 
 clean:
 	rm -rf $(VENV) target demo

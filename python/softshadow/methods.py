@@ -477,7 +477,7 @@ class Slsm(Method):
     ----------
     resolution : int, optional
         Texels along the longer side of each map, 16 to 16384. ``None``: from the number of
-        triangles, 512 to 2048.
+        triangles, 1024 or 2048.
     samples : int
         Light samples per receiver, 1 to 65536.
     seed : int
@@ -527,7 +527,7 @@ class Mlsm(Method):
     ----------
     resolution : int, optional
         Texels along the longer side of each map, 16 to 16384. ``None``: from the number of
-        triangles, 512 to 2048.
+        triangles, 1024 or 2048.
     layers : int, optional
         Surfaces kept of a texel, 1 to 64. ``None``: from the scene's depth complexity, 1 to 8.
     samples, seed, z_threshold, bias, detail, opacity

@@ -27,6 +27,8 @@ pub(super) mod kernels {
     #[pymodule_export]
     use super::super::accumulation::{accumulate, receiver_transform};
     #[pymodule_export]
+    use super::super::layered::layered_maps;
+    #[pymodule_export]
     use super::super::single_sample::{attenuation, outer_distances};
     #[pymodule_export]
     use super::super::ssoc::ssoc_maps;

@@ -4,6 +4,7 @@
 //!   Ctrl-C and reports progress;
 //! - [`arrays`]: NumPy arrays to vectors of points and back;
 //! - [`filtered`]: the parameters of the rivals of ray-traced layered maps;
+//! - [`layered`]: ray-traced layered maps;
 //! - [`objects`]: scene, camera, light and method objects;
 //! - [`render`]: preparing and rendering;
 //! - [`kernels`]: the pieces, as functions from arrays to arrays;
@@ -16,6 +17,7 @@ mod accumulation;
 mod arrays;
 mod filtered;
 mod kernels;
+mod layered;
 mod objects;
 mod render;
 mod single_sample;

@@ -1,10 +1,10 @@
 //! Resolution and layers of a map from the scene, where none are given (Section 6.2 leaves both to the user).
 //!
-//! - **Resolution:** a map as fine as what it is drawn from: [`TEXELS`] texels a triangle, to a power of two in
-//!   [`COARSEST`] to [`FINEST`]. Pieces of planes cover in the mean what triangles cover, so that more helps
+//! - **Resolution:** a map as fine as what it is drawn from: `TEXELS` texels a triangle, to a power of two in
+//!   `COARSEST` to `FINEST`. Pieces of planes cover in the mean what triangles cover, so that more helps
 //!   little; the receivers are not known when a map is drawn.
-//! - **Layers:** the scene is drawn coarsely with many layers, and as many are taken as all but [`BEHIND`]
-//!   of the texels fill, at most [`MOST`].
+//! - **Layers:** the scene is drawn coarsely with many layers, and as many are taken as all but `BEHIND`
+//!   of the texels fill, at most `MOST`.
 //!
 //! A single bound serves all of a light's views: that of the view with the most layers.
 
@@ -16,11 +16,12 @@ use crate::error::Result;
 use crate::light::Light;
 use crate::methods::wedges::contour::Casters;
 
-/// Texels a triangle, of those in front and behind together: four by four of one that faces the light.
-const TEXELS: usize = 16;
+/// Texels a triangle, of those in front and behind together: measured on dense scenes, more of them cost
+/// time and gain a tenth of the error.
+const TEXELS: usize = 2;
 
-/// The least resolution: what the umbra's outline needs.
-const COARSEST: u32 = 512;
+/// The least resolution: the paper's own.
+const COARSEST: u32 = 1024;
 
 /// The largest: the paper's own largest (Section 7).
 const FINEST: u32 = 2048;

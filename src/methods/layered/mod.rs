@@ -152,6 +152,11 @@ impl Layered {
         Ok(Layered { kind, settings })
     }
 
+    /// Whether meshes that let light through are no error.
+    pub fn takes_transparent(&self) -> bool {
+        self.settings.opaque || self.kind == Kind::Transparent
+    }
+
     /// The maps of a local light.
     ///
     /// # Errors
@@ -257,8 +262,7 @@ impl Method for Layered {
             subtract: settings.subtract,
         };
         let frame = geometry.frame;
-        let opaque = settings.opaque || self.kind == Kind::Transparent;
-        let casters = Casters::new(self.name(), geometry, opaque)?;
+        let casters = Casters::new(self.name(), geometry, self.takes_transparent())?;
         let pattern = Pattern::new(settings.samples as usize, settings.seed);
         let start = Instant::now();
         let mut found = Vec::with_capacity(lights.len());

@@ -7,7 +7,7 @@
 //! A coarser map keeps, of each 2×2 texels, the layers of one, chosen by a hash of its place so that what covers
 //! a part of the texels covers the same part of the coarser ones, without a shift. Far from a receiver, where
 //! hundreds of texels lie between two neighbouring light samples, tracing uses coarser maps: so its
-//! cost does not grow with the map's resolution or the light's size.
+//! cost grows slowly with the map's resolution and the light's size.
 
 use rayon::prelude::*;
 
