@@ -213,3 +213,34 @@ def test_what_it_cannot_do_is_an_error():
     plain = ss.scenes.half_plane(8, 8)
     with pytest.raises(ValueError, match="needs a camera"):
         ss.visibility(plain.scene, [(0, 0, 1)], None, plain.light, "convolution")
+
+
+@pytest.mark.parametrize("kind", ["rect", "disk"])
+def test_the_kernel_convolves_a_hard_shadow_as_accumulation_draws_the_soft_one(kind):
+    """Parallel: the mean of hard shadows is the centre's, convolved."""
+    _, _, light = _parallel(kind, SHEETS["gear"])
+    vertices, faces = SHEETS["gear"]
+    place = ((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    size = (256, 256)
+
+    def drawn(points):
+        return ss.kernels.accumulate(vertices, faces, points, *place, size)
+
+    points, _, _ = ss.kernels.light_samples(light, (0, 0, 0.0), samples=1024)
+    soft = drawn(points).astype(np.float64)
+    # Half of the way down: the light's image is as large as the light.
+    found = ss.kernels.convolve_shadow(drawn([light.center]), light, *place, 1.0)
+    partly = (soft > 0.01) & (soft < 0.99)
+    assert partly.sum() > 3000
+    # Of both: a texel's part of the penumbra's 51, the tent and the samples' noise.
+    assert np.abs(found - soft)[partly].mean() < 0.005
+    assert np.abs(found - soft)[~partly].max() < 0.02
+    # No size, no blur but the transform's rounding; rows and columns stay where they are.
+    point = ss.DiskLight(light.center, (0, 0, -1), 0.0)
+    hard = drawn([light.center])
+    assert np.abs(ss.kernels.convolve_shadow(hard, point, *place, 1.0) - hard).max() < 2e-6
+    for bad in (hard[0], hard * 2, hard * np.nan):
+        with pytest.raises(ValueError, match="visibility"):
+            ss.kernels.convolve_shadow(bad, light, *place, 1.0)
+    with pytest.raises(ValueError, match="scale"):
+        ss.kernels.convolve_shadow(hard, light, *place, -1.0)

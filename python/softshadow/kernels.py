@@ -26,6 +26,7 @@ __all__ = [
     "PenumbraWedges",
     "accumulate",
     "attenuation",
+    "convolve_shadow",
     "curve_tubes",
     "layered_maps",
     "light_fraction_above",
@@ -474,6 +475,61 @@ class PenumbraWedges:
     directions: _Doubles
     layers: _Ints
     objects: _Ints
+
+
+def convolve_shadow(
+    visibility: npt.ArrayLike,
+    light: Light,
+    corner: Vector,
+    edge_u: Vector,
+    edge_v: Vector,
+    scale: float,
+    progress: Callable[[float], None] | None = None,
+) -> _Floats:
+    """Convolve a hard shadow on a parallelogram with the light's image (Soler and Sillion 1998).
+
+    Exact but for texels where light, occluder and parallelogram are parallel. `accumulate` with the
+    light's centre as its only point draws such a hard shadow.
+
+    Parameters
+    ----------
+    visibility : array_like, shape (H, W)
+        Of the light's centre, 0 to 1; row 0 is the one farthest along `edge_v`. What is beside the
+        picture counts as lit.
+    light : RectLight, DiskLight or SphereLight
+    corner, edge_u, edge_v : array_like, shape (3,)
+        The parallelogram, ``corner + x edge_u + y edge_v``.
+    scale : float
+        Size of the light's image over the light's: how high the occluder is over the parallelogram,
+        over how deep it is below the light; 0 to 30.
+    progress : callable, optional
+        Is told the finished fraction.
+
+    Returns
+    -------
+    ndarray, shape (H, W), float32
+        Visibility of the light.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a value is not finite or out of its range, or the light's centre lies
+        in the parallelogram's plane.
+    """
+    hard = np.asarray(visibility, dtype=np.float32)
+    if hard.ndim != 2:
+        raise ValueError(f"visibility: expected shape (H, W), got {hard.shape}")
+    if not ((hard >= 0) & (hard <= 1)).all():
+        raise ValueError("visibility: expected finite numbers from 0 to 1")
+    hidden: _Floats = _kernels.convolve_shadow(
+        np.ascontiguousarray(1 - hard[::-1]),
+        light._core,
+        as_vector(corner, "corner"),
+        [as_vector(edge_u, "edge_u"), as_vector(edge_v, "edge_v")],
+        float(scale),
+        progress,
+    )
+    return np.ascontiguousarray(1 - np.clip(hidden[::-1], 0, 1))
 
 
 def wedges(

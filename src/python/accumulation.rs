@@ -20,6 +20,7 @@ use crate::methods::accumulation::occluders::{Gatherer, Occluders, Side};
 use crate::methods::accumulation::patches::Parallelogram;
 use crate::methods::accumulation::texture::{self, Texture};
 use crate::methods::accumulation::{Accumulation, Content, transform};
+use crate::methods::convolution::{self, MOST_SCALE};
 
 /// The textures of some entries' polygons: laid out at first, then drawn.
 #[pyclass(name = "Textures", module = "softshadow._core", frozen)]
@@ -353,4 +354,36 @@ pub(super) fn accumulate<'py>(
         Ok(sum)
     })?;
     arrays::rows(py, flat, 3)
+}
+
+/// A hidden picture of a parallelogram convolved with a light's image.
+#[pyfunction]
+#[pyo3(signature = (hidden, light, corner, edges, scale, progress))]
+pub(super) fn convolve_shadow<'py>(
+    py: Python<'py>,
+    hidden: PyReadonlyArray2<'py, f32>,
+    light: &PyLight,
+    corner: [f64; 3],
+    edges: [[f64; 3]; 2],
+    scale: f64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let bounds = parallelogram(corner, edges[0], edges[1])?;
+    let hidden = hidden.as_array();
+    let size = [hidden.ncols(), hidden.nrows()];
+    if size.iter().any(|s| !(1..=MOST_TEXELS as usize).contains(s)) {
+        let reason = format!("must have 1 to {MOST_TEXELS} texels a side, got {size:?}");
+        return Err(Error::parameter("visibility", reason).into());
+    }
+    if !(0.0..=MOST_SCALE).contains(&scale) {
+        let reason = format!("must be 0 to {MOST_SCALE}, got {scale}");
+        return Err(Error::parameter("scale", reason).into());
+    }
+    let picture: Vec<f32> = hidden.iter().copied().collect();
+    let light = light.0;
+    let size = size.map(|s| s as u32);
+    let flat = run(py, progress.as_ref(), move |control| {
+        convolution::convolve(&picture, size, &light, &bounds, scale, control)
+    })?;
+    arrays::rows(py, flat, size[0] as usize)
 }

@@ -25,7 +25,7 @@ pub(super) mod kernels {
     use crate::simd::LANES;
 
     #[pymodule_export]
-    use super::super::accumulation::{accumulate, receiver_transform};
+    use super::super::accumulation::{accumulate, convolve_shadow, receiver_transform};
     #[pymodule_export]
     use super::super::layered::layered_maps;
     #[pymodule_export]

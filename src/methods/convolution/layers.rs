@@ -258,6 +258,32 @@ fn wanted(window: &Window, size: [u32; 2]) -> Vec<u32> {
     all.collect()
 }
 
+/// Convolves a picture of all of a receiver, hidden parts of texels row by row, with the light's image at one
+/// scale; what is beside it is lit.
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`].
+pub fn convolve(
+    picture: &[f32],
+    size: [u32; 2],
+    spread: &Spread,
+    scale: f64,
+    control: &Control,
+) -> Result<Vec<f32>> {
+    let window = Window {
+        low: DVec2::ZERO,
+        high: DVec2::ONE,
+        size,
+        fine: 1,
+    };
+    let texels = (0..).zip(picture).filter(|(_, part)| **part != 0.0);
+    let layer = Layer {
+        texels: texels.map(|(t, part)| (t, *part)).collect(),
+        scale,
+    };
+    Ok(hidden(&[layer], spread, &window, size, control)?.values)
+}
+
 /// Convolves every part with the light's image and adds them up, where a texture of this size needs it.
 ///
 /// # Errors

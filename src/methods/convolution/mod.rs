@@ -34,6 +34,7 @@ use glam::{DVec2, DVec3};
 use super::accumulation::atlas::{Atlas, Key, Layout};
 use super::accumulation::lookup::Contacts;
 use super::accumulation::occluders::{Gatherer, Pyramid, Side};
+use super::accumulation::patches::Parallelogram;
 use super::accumulation::pictures::{Painter, Pictures};
 use super::accumulation::texture::Texture;
 use super::wedges::contour::Casters;
@@ -66,7 +67,7 @@ const OCTAVE: f64 = 4.0;
 
 /// Largest scale of the light's image that is told apart: occluders nearer to the light than a thirtieth of
 /// its distance, where a light's width away is thirty widths on the receiver.
-const MOST_SCALE: f64 = 30.0;
+pub const MOST_SCALE: f64 = 30.0;
 
 /// Parameters of convolution.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -165,6 +166,29 @@ impl Painter for Convolution {
     fn knows_only_occluders(&self) -> bool {
         true
     }
+}
+
+/// As [`layers::convolve`], for the side of a parallelogram that a light's centre is on.
+///
+/// # Errors
+/// A light's centre in the parallelogram's plane, or [`Error::Cancelled`].
+pub fn convolve(
+    picture: &[f32],
+    size: [u32; 2],
+    light: &Light,
+    bounds: &Parallelogram,
+    scale: f64,
+    control: &Control,
+) -> Result<Vec<f32>> {
+    let up = bounds.cross().normalize();
+    let height = up.dot(light.center() - bounds.corner);
+    if height == 0.0 {
+        let reason = "its centre lies in the parallelogram's plane".to_string();
+        return Err(Error::parameter("light", reason));
+    }
+    let side = Side::new(bounds, up * height.signum());
+    let spread = Spread::new(light, &side, light.center());
+    layers::convolve(picture, size, &spread, scale, control)
 }
 
 /// The point that hard shadows are cast from: the light's centre, or if that is not over the receiver, halfway
