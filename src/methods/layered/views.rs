@@ -2,8 +2,9 @@
 //!
 //! A view's eye is behind the light, so that whatever can hide a point of the light lies before the eye and
 //! within the view. Equation 4 (`d = r / tan(fov / 2)`) also puts the light itself into the view. Nothing
-//! asks for that here: the view is made to hold all that casts, and segments may leave it. Measured, its
-//! errors are the same (bunny, statue, tree, city), so the eye stays as near as `WIDEST` lets it.
+//! asks for that here: the view is made to hold all that casts, and segments may leave it. Its distance makes
+//! segments cross more texels, for errors that are a few hundredths of themselves smaller or larger, so the
+//! eye stays as near as `WIDEST` lets it.
 //! - **Flat light:** the view looks along its normal and starts at its plane; what is behind the plane hides
 //!   nothing. Seen from so far behind, all of a scene in front of the plane fits into one view, also where it
 //!   surrounds the light.
