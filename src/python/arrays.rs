@@ -5,8 +5,11 @@ use numpy::{
     PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
+use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::geometry::Frame;
 
 /// The rows of an (N, 3) array, whatever its strides.
 pub(super) fn points(array: &PyReadonlyArray2<'_, f64>, what: &str) -> Result<Vec<DVec3>> {
@@ -64,4 +67,20 @@ pub(super) fn rows<'py, T: numpy::Element>(
 ) -> PyResult<Bound<'py, PyArray2<T>>> {
     let n = flat.len() / columns.max(1);
     PyArray1::from_vec(py, flat).reshape([n, columns])
+}
+
+/// Puts a local camera into a dictionary, in world coordinates, as `softshadow.Camera.from_matrix` takes it.
+pub(super) fn set_camera(out: &Bound<'_, PyDict>, camera: &Camera, frame: &Frame) -> PyResult<()> {
+    let py = out.py();
+    let intrinsics = camera.intrinsics.transpose().to_cols_array().to_vec();
+    out.set_item("K", rows(py, intrinsics, 3)?)?;
+    let eye = frame.to_world(camera.eye);
+    let columns = camera.rotation.to_cols_array_2d();
+    let mut pose = Vec::with_capacity(16);
+    for (row, e) in columns.iter().zip(eye.to_array()) {
+        pose.extend_from_slice(row);
+        pose.push(e);
+    }
+    pose.extend([0.0, 0.0, 0.0, 1.0]);
+    out.set_item("camera_to_world", rows(py, pose, 4)?)
 }

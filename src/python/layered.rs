@@ -1,9 +1,10 @@
-//! Layered shadow maps as arrays; documented in `softshadow/kernels.py`.
+//! Layered shadow maps as arrays; documented in `softshadow/light_maps.py`.
 
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use super::arrays::set_camera;
 use super::objects::{LayeredParameters, PyLight, PyScene, choice};
 use super::run;
 use crate::geometry::Frame;
@@ -41,18 +42,7 @@ fn arrays_of<'py>(py: Python<'py>, map: &LayerMap, frame: &Frame) -> PyResult<Bo
     let camera = &map.view.camera;
     let (h, w, k) = (camera.height as usize, camera.width as usize, map.layers);
     let out = PyDict::new(py);
-    let matrix = |flat: Vec<f64>, n: usize| PyArray1::from_vec(py, flat).reshape([n, n]);
-    let intrinsics = camera.intrinsics.transpose().to_cols_array().to_vec();
-    out.set_item("K", matrix(intrinsics, 3)?)?;
-    let eye = frame.to_world(camera.eye);
-    let columns = camera.rotation.to_cols_array_2d();
-    let mut pose = Vec::with_capacity(16);
-    for (row, e) in columns.iter().zip(eye.to_array()) {
-        pose.extend_from_slice(row);
-        pose.push(e);
-    }
-    pose.extend([0.0, 0.0, 0.0, 1.0]);
-    out.set_item("camera_to_world", matrix(pose, 4)?)?;
+    set_camera(&out, camera, frame)?;
     // No layer has an inverse depth of 0: it is infinitely far.
     let depth = |inverse: f32| (frame.unit / f64::from(inverse)) as f32;
     let texels = || (0..h * w).map(|i| (i % w, i / w));

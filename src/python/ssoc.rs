@@ -1,10 +1,11 @@
-//! The maps of the soft shadow occlusion camera as arrays; documented in `softshadow/kernels.py`.
+//! The maps of the soft shadow occlusion camera as arrays; documented in `softshadow/light_maps.py`.
 
 use glam::DVec2;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use super::arrays::set_camera;
 use super::objects::{PyLight, PyScene, SsocParameters};
 use super::run;
 use crate::geometry::Frame;
@@ -40,22 +41,7 @@ fn arrays_of<'py>(py: Python<'py>, maps: &Maps, frame: &Frame) -> PyResult<Bound
     let camera = &maps.view.camera;
     let shape = [camera.height as usize, camera.width as usize];
     let out = PyDict::new(py);
-    let matrix = |flat: Vec<f64>, n: usize| PyArray1::from_vec(py, flat).reshape([n, n]);
-    let intrinsics = camera.intrinsics.transpose().to_cols_array().to_vec();
-    out.set_item("K", matrix(intrinsics, 3)?)?;
-    let eye = frame.to_world(camera.eye);
-    let mut pose = Vec::with_capacity(16);
-    for (row, e) in camera
-        .rotation
-        .to_cols_array_2d()
-        .iter()
-        .zip(eye.to_array())
-    {
-        pose.extend_from_slice(row);
-        pose.push(e);
-    }
-    pose.extend([0.0, 0.0, 0.0, 1.0]);
-    out.set_item("camera_to_world", matrix(pose, 4)?)?;
+    set_camera(&out, camera, frame)?;
     let depth = |inverse: f64| (frame.unit / inverse) as f32;
     let depths = maps.inverse_depth.iter().map(|&i| depth(i)).collect();
     out.set_item("depth", PyArray1::from_vec(py, depths).reshape(shape)?)?;

@@ -10,11 +10,10 @@
 //! on what is behind it are too wide. What lies behind the first opaque surface of a texel is not kept.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use super::pcf::each_place;
 use super::region::{Region, Scratch, Texel};
-use super::{Estimate, LightMaps, Settings};
+use super::{Estimate, Hide, PreparedFilter, Settings};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
@@ -22,8 +21,7 @@ use crate::light::Light;
 use crate::methods::layered::compress::Compression;
 use crate::methods::layered::construction::Layers;
 use crate::methods::wedges::contour::Casters;
-use crate::methods::{Method, Prepared, Shading};
-use crate::receivers::Receivers;
+use crate::methods::{Method, Prepared};
 
 /// Visibility that counts as none: half an 8-bit step, which nothing shows.
 const NOTHING: f32 = 1.0 / 512.0;
@@ -65,7 +63,6 @@ impl Method for DeepShadow {
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
-        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(self.name(), geometry, true)?;
         let layers = Layers {
             count: self.settings.layers,
@@ -76,37 +73,10 @@ impl Method for DeepShadow {
             },
             opaque: false,
         };
-        let start = Instant::now();
-        let maps = lights.iter().enumerate().map(|(i, light)| {
-            LightMaps::new(light, i as u32, &casters, &self.settings, &layers, control)
-        });
-        Ok(Box::new(PreparedDeep {
-            maps: maps.collect::<Result<_>>()?,
-            seconds: start.elapsed().as_secs_f64(),
-        }))
-    }
-}
-
-struct PreparedDeep {
-    maps: Vec<LightMaps>,
-    seconds: f64,
-}
-
-impl Prepared for PreparedDeep {
-    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
-        let maps = &self.maps[light];
-        let estimate = maps.estimate;
-        maps.shade(receivers, control, |region, scratch| {
-            hide(region, estimate, scratch);
-        })
-    }
-
-    fn bytes(&self) -> usize {
-        self.maps.iter().map(LightMaps::bytes).sum()
-    }
-
-    fn seconds(&self) -> Vec<(&'static str, f64)> {
-        vec![("deep shadow map", self.seconds)]
+        let filter = ("deep shadow map", hide as Hide);
+        let prepared =
+            PreparedFilter::new(&casters, lights, &self.settings, &layers, filter, control)?;
+        Ok(Box::new(prepared))
     }
 }
 

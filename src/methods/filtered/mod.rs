@@ -11,14 +11,16 @@ pub mod deep;
 pub mod pcf;
 pub mod region;
 
+use std::time::Instant;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::Shading;
 use super::layered::construction::{Layers, layer_map};
 use super::layered::map::LayerMap;
 use super::layered::views::{light_views, most_central};
 use super::wedges::contour::Casters;
+use super::{Prepared, Shading};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::light::Light;
@@ -95,6 +97,64 @@ impl Settings {
             estimate,
             bias,
         })
+    }
+}
+
+/// Both passes over a region's map, with the depth that stands for all blockers.
+type Hide = fn(&Region<'_>, Estimate, &mut Scratch);
+
+/// Either method, ready to answer.
+struct PreparedFilter {
+    maps: Vec<LightMaps>,
+    hide: Hide,
+    /// What drawing the maps is called, and its seconds.
+    stage: (&'static str, f64),
+}
+
+impl PreparedFilter {
+    /// Draws the maps of world lights.
+    fn new(
+        casters: &Casters,
+        lights: &[Light],
+        settings: &Settings,
+        layers: &Layers,
+        (stage, hide): (&'static str, Hide),
+        control: &Control,
+    ) -> Result<Self> {
+        let frame = &casters.geometry().frame;
+        let start = Instant::now();
+        let maps = lights.iter().enumerate().map(|(i, light)| {
+            LightMaps::new(
+                &light.to_local(frame),
+                i as u32,
+                casters,
+                settings,
+                layers,
+                control,
+            )
+        });
+        Ok(PreparedFilter {
+            maps: maps.collect::<Result<_>>()?,
+            hide,
+            stage: (stage, start.elapsed().as_secs_f64()),
+        })
+    }
+}
+
+impl Prepared for PreparedFilter {
+    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
+        let maps = &self.maps[light];
+        maps.shade(receivers, control, |region, scratch| {
+            (self.hide)(region, maps.estimate, scratch);
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        self.maps.iter().map(LightMaps::bytes).sum()
+    }
+
+    fn seconds(&self) -> Vec<(&'static str, f64)> {
+        vec![self.stage]
     }
 }
 

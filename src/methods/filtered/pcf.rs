@@ -15,10 +15,9 @@
 //! Transparent occluders cannot be modelled: [`super::deep`] does.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use super::region::{Region, Scratch, Texel};
-use super::{Estimate, LightMaps, MOST_LAYERS, Settings};
+use super::{Estimate, Hide, MOST_LAYERS, PreparedFilter, Settings};
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
@@ -26,8 +25,7 @@ use crate::light::Light;
 use crate::methods::layered::compress::Compression;
 use crate::methods::layered::construction::Layers;
 use crate::methods::wedges::contour::Casters;
-use crate::methods::{Method, Prepared, Shading};
-use crate::receivers::Receivers;
+use crate::methods::{Method, Prepared};
 use crate::simd::LANES;
 
 /// Percentage-closer soft shadows.
@@ -50,7 +48,6 @@ impl Method for Pcf {
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
-        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let layers = Layers {
             count: self.settings.layers,
@@ -62,37 +59,10 @@ impl Method for Pcf {
             },
             opaque: true,
         };
-        let start = Instant::now();
-        let maps = lights.iter().enumerate().map(|(i, light)| {
-            LightMaps::new(light, i as u32, &casters, &self.settings, &layers, control)
-        });
-        Ok(Box::new(PreparedPcf {
-            maps: maps.collect::<Result<_>>()?,
-            seconds: start.elapsed().as_secs_f64(),
-        }))
-    }
-}
-
-struct PreparedPcf {
-    maps: Vec<LightMaps>,
-    seconds: f64,
-}
-
-impl Prepared for PreparedPcf {
-    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
-        let maps = &self.maps[light];
-        let estimate = maps.estimate;
-        maps.shade(receivers, control, |region, scratch| {
-            hide(region, estimate, scratch);
-        })
-    }
-
-    fn bytes(&self) -> usize {
-        self.maps.iter().map(LightMaps::bytes).sum()
-    }
-
-    fn seconds(&self) -> Vec<(&'static str, f64)> {
-        vec![("shadow map", self.seconds)]
+        let filter = ("shadow map", hide as Hide);
+        let prepared =
+            PreparedFilter::new(&casters, lights, &self.settings, &layers, filter, control)?;
+        Ok(Box::new(prepared))
     }
 }
 
