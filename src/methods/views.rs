@@ -304,6 +304,25 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
     Ok(out)
 }
 
+/// Of cameras that look from around `center` the one that a local point is most central in, by its place.
+pub fn most_central<'a>(
+    cameras: impl ExactSizeIterator<Item = &'a Camera>,
+    center: DVec3,
+    p: DVec3,
+) -> usize {
+    if cameras.len() == 1 {
+        return 0;
+    }
+    let mut best = (0, f64::NEG_INFINITY);
+    for (i, camera) in cameras.enumerate() {
+        let along = camera.rotation.row(2).dot(p - center);
+        if along > best.1 {
+            best = (i, along);
+        }
+    }
+    best.0
+}
+
 /// The face of a cube that looks along `sign` times column `axis` of `base`.
 pub(super) fn look_face(base: DMat3, axis: usize, sign: f64) -> DMat3 {
     let forward = sign * base.col(axis);

@@ -18,7 +18,8 @@ use rayon::prelude::*;
 
 use super::layered::construction::{Layers, layer_map};
 use super::layered::map::LayerMap;
-use super::layered::views::{light_views, most_central};
+use super::layered::views::light_views;
+use super::views::most_central;
 use super::wedges::contour::Casters;
 use super::{Prepared, Shading};
 use crate::control::Control;
@@ -209,8 +210,8 @@ impl LightMaps {
     /// The part of each group that can hide the light from a receiver.
     fn regions(&self, p: DVec3, n: DVec3) -> impl Iterator<Item = Region<'_>> {
         self.groups.iter().filter_map(move |group| {
-            let views = group.iter().map(|(map, _)| &map.view);
-            let (map, source) = &group[most_central(views, self.light.center(), p)];
+            let cameras = group.iter().map(|(map, _)| &map.view.camera);
+            let (map, source) = &group[most_central(cameras, self.light.center(), p)];
             Region::new(map, source, p, n, self.bias)
         })
     }

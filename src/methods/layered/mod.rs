@@ -30,6 +30,7 @@ use std::time::Instant;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::views::most_central;
 use super::wedges::contour::Casters;
 use super::{Method, Prepared, Shading};
 use crate::control::Control;
@@ -44,7 +45,7 @@ use construction::{Layers, layer_map};
 use map::LayerMap;
 use masks::{Axis, BLOCK, Mask};
 use tracing::{Pencil, Seen, Stack, Tracing, trace};
-use views::{light_views, most_central};
+use views::light_views;
 
 /// Which of the paper's maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -332,8 +333,8 @@ impl LightMaps {
             }
             let mut seen = Seen::new(valid);
             for (g, maps) in self.groups.iter().enumerate() {
-                let views = maps.iter().map(|m| &m.view);
-                let map = &maps[most_central(views, self.light.center(), p)];
+                let cameras = maps.iter().map(|m| &m.view.camera);
+                let map = &maps[most_central(cameras, self.light.center(), p)];
                 if flat {
                     self.trace_flat(map, g, b, p, n, tracing, &mut seen, s);
                 } else {

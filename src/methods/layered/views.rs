@@ -71,27 +71,6 @@ pub struct LightViews {
     pub groups: Vec<Vec<LayerView>>,
 }
 
-/// The view of a group that a local point is most central in, as its place in the group.
-pub fn most_central<'a>(
-    views: impl ExactSizeIterator<Item = &'a LayerView>,
-    center: DVec3,
-    p: DVec3,
-) -> usize {
-    if views.len() == 1 {
-        return 0;
-    }
-    let d = p - center;
-    let along = |v: &LayerView| v.camera.rotation.row(2).dot(d);
-    let mut best = (0, f64::NEG_INFINITY);
-    for (i, view) in views.enumerate() {
-        let cosine = along(view);
-        if cosine > best.1 {
-            best = (i, cosine);
-        }
-    }
-    best.0
-}
-
 /// The views of a local light, `resolution` texels on the longer side of each.
 ///
 /// # Errors

@@ -22,10 +22,9 @@ pub mod maps;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DVec3;
 use rayon::prelude::*;
 
-use super::views::{View, views};
+use super::views::{View, most_central, views};
 use super::wedges::contour::{Casters, Edge};
 use super::wedges::is_point;
 use super::{Method, Prepared, Shading};
@@ -134,23 +133,6 @@ fn check_memory(views: &[View]) -> Result<()> {
     Err(Error::parameter("Ssoc", reason))
 }
 
-/// Of a cube's faces the one that a point is most central in: before which it lies farthest.
-fn most_central(faces: &[Maps], p: DVec3) -> Option<&Maps> {
-    let depth = |m: &Maps| {
-        let (camera, d) = (&m.view.camera, p - m.view.camera.eye);
-        camera.rotation.row(2).dot(d)
-    };
-    let (first, rest) = faces.split_first()?;
-    let (mut best, mut most) = (first, depth(first));
-    for m in rest {
-        let depth = depth(m);
-        if depth > most {
-            (best, most) = (m, depth);
-        }
-    }
-    Some(best)
-}
-
 struct PreparedSsoc {
     casters: Casters,
     lights: Vec<Light>,
@@ -219,14 +201,18 @@ impl Prepared for PreparedSsoc {
             if h == 0.0 {
                 return 0.0;
             }
+            let central = |faces: &[Maps]| {
+                let cameras = faces.iter().map(|m| &m.view.camera);
+                most_central(cameras, light.center(), p)
+            };
             let map = match &maps[..] {
                 [one] => Some(one),
                 // Faces that hold only what is behind everything come after a view that holds the rest.
                 [first, rest @ ..] if rest[0].view.only.is_some() => match first.view.holds(p) {
                     true => Some(first),
-                    false => most_central(rest, p),
+                    false => rest.get(central(rest)),
                 },
-                faces => most_central(faces, p),
+                faces => faces.get(central(faces)),
             };
             let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
             seen.min(h) as f32
@@ -263,7 +249,7 @@ mod tests {
     use super::*;
     use crate::raster::nearest::NONE;
     use crate::scene::{Material, Scene};
-    use glam::DVec2;
+    use glam::{DVec2, DVec3};
 
     const LOOKS: Material = Material {
         albedo: [1.0; 3],
