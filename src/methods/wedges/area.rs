@@ -19,34 +19,33 @@
 //! square with half-edge 1, half the way along its border. A rectangle is a square and a sphere a disk in
 //! coordinates of their own: per receiver a matrix maps directions to homogeneous coordinates on the light
 //! (for a sphere, on the disk that its outline spans).
+//!
+//! Under a large light most edges lie between two vertices that both hide points of the light ([`Inner`]).
+//! Along a chain of those, sectors add up to the one between the first vertex and the last, and a whole number
+//! of turns; only the triangles are left to sum.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
+use super::block::{Block, LightFrame};
 use super::contour::Edge;
-use crate::light::{Light, Shape};
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
-
-/// Sixteen receivers.
-#[derive(Debug, Clone, Default)]
-pub struct Block {
-    /// Local positions; `f64`, so that differences to vertices in contact are exact to `f32`.
-    position: [[f64; LANES]; 3],
-    /// From directions to homogeneous coordinates on the light, by rows.
-    matrix: [[Row; 3]; 3],
-    /// What the last row gives at the light's centre: silhouettes farther away do not occlude.
-    far: Row,
-    /// Room for what happens between the two steps of [`cover`].
-    lines: [Stored; BATCH],
-}
+use super::sector::{Inner, Line, Seen, Split, Stored, turn};
+use super::volume::Quad;
+use crate::light::Light;
+use crate::simd::{Lanes, Row, detect, dispatch};
 
 /// An edge as the kernel wants it.
 #[derive(Debug, Clone, Copy)]
 pub struct AreaEdge {
-    ends: [[f64; 3]; 2],
-    normal: [f64; 3],
-    offset: f64,
-    front: f32,
-    back: f32,
+    ends: [Split; 2],
+    /// From the first to the second.
+    vector: [f32; 3],
+    pub(super) normal: [f64; 3],
+    pub(super) offset: f64,
+    /// Front and back layers that it counts.
+    weights: [f32; 2],
+    /// Whether it starts where the edge before it ends, and bounds the same layers.
+    follows: bool,
 }
 
 /// The part of an edge in front of a flat light; `None` if there is none.
@@ -65,119 +64,29 @@ fn in_front(light: &Light, ends: [DVec3; 2]) -> Option<[DVec3; 2]> {
     }
 }
 
-impl AreaEdge {
-    /// Prepares an edge; one behind a flat light does not count.
-    pub fn new(edge: &Edge, light: &Light, normal: DVec3, offset: f64) -> Self {
-        let part = in_front(light, edge.ends);
-        let weight = |layers: i32| part.map_or(0.0, |_| layers as f32);
+/// Prepares edges with their planes; those behind a flat light do not count.
+pub fn area_edges(edges: &[Edge], planes: &[Quad], light: &Light) -> Vec<AreaEdge> {
+    let part = |edge: &Edge| in_front(light, edge.ends);
+    let one = |i: usize| {
+        let (edge, plane) = (&edges[i], &planes[i]);
+        let visible = part(edge);
+        let weight = |layers: i32| visible.map_or(0.0, |_| layers as f32);
+        let ends = visible.unwrap_or(edge.ends);
+        let before = i.checked_sub(1).map(|i| &edges[i]);
+        let follows = before.is_some_and(|e| {
+            (e.object, e.front, e.back) == (edge.object, edge.front, edge.back)
+                && part(e).is_some_and(|[_, end]| end == ends[0])
+        });
         AreaEdge {
-            ends: part.unwrap_or(edge.ends).map(|v| v.to_array()),
-            normal: normal.to_array(),
-            offset,
-            front: weight(edge.front),
-            back: weight(edge.back),
+            ends: ends.map(|v| Split::new(v.to_array())),
+            vector: (ends[1] - ends[0]).as_vec3().to_array(),
+            normal: plane.normal.to_array(),
+            offset: plane.offset,
+            weights: [edge.front, edge.back].map(weight),
+            follows,
         }
-    }
-}
-
-impl Block {
-    /// Fills the lanes; what is left over repeats the first receiver.
-    pub fn set(&mut self, frame: &LightFrame, receivers: &[DVec3]) {
-        for lane in 0..LANES {
-            let p = receivers[if lane < receivers.len() { lane } else { 0 }];
-            let (rows, far) = frame.matrix(p);
-            for axis in 0..3 {
-                self.position[axis][lane] = p[axis];
-                for (row, value) in rows.iter().enumerate() {
-                    self.matrix[row][axis].0[lane] = value[axis] as f32;
-                }
-            }
-            self.far.0[lane] = far as f32;
-        }
-    }
-}
-
-/// A light's own coordinates, in which it is the unit disk or the square [-1, 1]².
-#[derive(Debug, Clone, Copy)]
-pub enum LightFrame {
-    /// A sphere: a disk towards each receiver.
-    Sphere {
-        /// Centre.
-        center: DVec3,
-        /// Radius.
-        radius: f64,
-    },
-    /// A disk or a rectangle, by the dual basis of its half-axes.
-    Flat {
-        /// Centre.
-        center: DVec3,
-        /// From a point to its first coordinate.
-        u: DVec3,
-        /// To its second.
-        v: DVec3,
-        /// To its distance from the light's plane.
-        n: DVec3,
-        /// Whether it is a rectangle.
-        square: bool,
-    },
-}
-
-impl LightFrame {
-    /// Of a light with a width.
-    pub fn new(light: &Light) -> Self {
-        match light.shape {
-            Shape::Sphere { center, radius } => LightFrame::Sphere { center, radius },
-            Shape::Disk {
-                center,
-                normal,
-                radius,
-            } => {
-                let e = normal.any_orthonormal_vector();
-                LightFrame::Flat {
-                    center,
-                    u: e / radius,
-                    v: normal.cross(e) / radius,
-                    n: normal,
-                    square: false,
-                }
-            }
-            Shape::Rect { center, u, v } => {
-                let n = u.cross(v);
-                let area = n.length_squared();
-                LightFrame::Flat {
-                    center,
-                    u: 2.0 * v.cross(n) / area,
-                    v: 2.0 * n.cross(u) / area,
-                    n: n / area.sqrt(),
-                    square: true,
-                }
-            }
-        }
-    }
-
-    /// Rows of the matrix from directions at `p` to homogeneous coordinates on the light, and the last
-    /// coordinate beyond which geometry is behind the light.
-    fn matrix(&self, p: DVec3) -> ([DVec3; 3], f64) {
-        match *self {
-            LightFrame::Sphere { center, radius } => {
-                let d = center - p;
-                let distance = d.length();
-                let axis = d / distance;
-                let e = axis.any_orthonormal_vector();
-                // Cotangent of the half-angle of the cone in which the light is seen; inside it, anything.
-                let cot = (distance * distance - radius * radius).max(0.0).sqrt() / radius;
-                ([e * cot, axis.cross(e) * cot, axis], distance)
-            }
-            LightFrame::Flat {
-                center, u, v, n, ..
-            } => {
-                let d = p - center;
-                // The ray p + t w meets the light's plane at t = -(d·n) / (w·n).
-                let (x, y, z) = (u.dot(d), v.dot(d), n.dot(d));
-                ([z * u - x * n, z * v - y * n, -n], f64::INFINITY)
-            }
-        }
-    }
+    };
+    (0..edges.len()).into_par_iter().map(one).collect()
 }
 
 /// Adds what the edges `ids` cover for a block: front layers and back layers. `steps` is the number of
@@ -196,13 +105,6 @@ pub fn cover(
     ));
 }
 
-/// Stands for infinitely far along a line on the light, whose half-width is 1.
-const FAR: f32 = 1e9;
-
-/// Distances from a receiver below this, in local units, count as this: products of two and a line's length
-/// stay normal numbers, and vertices are known to a hundred times as much at best.
-const NEAREST: f32 = 1e-9;
-
 #[inline(always)]
 unsafe fn cover_lanes<S: Lanes>(
     square: bool,
@@ -214,286 +116,305 @@ unsafe fn cover_lanes<S: Lanes>(
 ) {
     // SAFETY: the caller enabled the features of `S`; so for all calls below.
     unsafe {
-        let mut front = S::load(&out[0]);
-        let mut back = S::load(&out[1]);
-        for ids in ids.chunks(BATCH) {
-            let mut count = 0;
-            for &id in ids {
-                let edge = &edges[id as usize];
-                if let Some(line) = line_on_light::<S>(block, edge, square) {
-                    block.lines[count].set(&line, edge);
-                    count += 1;
+        let mut lines = [S::load(&out[0]), S::load(&out[1])];
+        let mut pending = 0;
+        let mut chain = Chain::<S>::new(square);
+        let mut last = u32::MAX;
+        for &id in ids {
+            let edge = &edges[id as usize];
+            let follows = edge.follows && id == last.wrapping_add(1);
+            last = id;
+            let a = match chain.end {
+                Some(end) if follows => end,
+                _ => {
+                    chain.finish();
+                    Seen::new(block, &edge.ends[0], square)
+                }
+            };
+            let b = Seen::new(block, &edge.ends[1], square);
+            // Shares that are rounded one by one cannot be summed first.
+            let inner = if steps > 0.0 { 0 } else { a.inside & b.inside };
+            chain.extend(&a, &b, inner, block, edge);
+            let open = !(inner | a.misses(&b, square));
+            if open != 0
+                && let Some(line) = Line::new(block, &a, &b, edge.vector, open, square)
+            {
+                let shadow_side = !block.lit(edge);
+                let next = &mut block.lines[pending];
+                next.line.set(&line);
+                (next.shadow_side, next.weights) = (shadow_side, edge.weights);
+                pending += 1;
+                if pending == BATCH {
+                    measure(&block.lines, square, steps, &mut lines);
+                    pending = 0;
                 }
             }
-            for stored in &block.lines[..count] {
-                let line = stored.line::<S>();
-                let beyond = if square {
-                    beyond_in_square::<S>(&line)
-                } else {
-                    beyond_in_disk::<S>(&line)
-                };
-                let beyond = beyond.select(line.valid, S::splat(0.0));
-                let beyond = if steps > 0.0 {
-                    let magic = S::splat(12_582_912.0);
-                    let rounded = beyond.mul(S::splat(steps)).add(magic).sub(magic);
-                    rounded.div(S::splat(steps))
-                } else {
-                    beyond
-                };
-                let signed = S::splat(0.0).sub(beyond).select(line.shadow_side, beyond);
-                front = front.add(signed.mul(S::splat(stored.front)));
-                back = back.add(signed.mul(S::splat(stored.back)));
-            }
         }
-        front.store(&mut out[0]);
-        back.store(&mut out[1]);
+        chain.finish();
+        measure(&block.lines[..pending], square, steps, &mut lines);
+        let scale = S::splat(1.0 / turn(square));
+        lines[0].add(chain.sum[0].mul(scale)).store(&mut out[0]);
+        lines[1].add(chain.sum[1].mul(scale)).store(&mut out[1]);
     }
 }
 
-/// Edges that are first all drawn onto the light and then all measured: each step for an edge is a chain of
-/// operations that wait for each other, and a processor looks only so many instructions ahead for others.
-/// Few enough to stay in the nearest cache.
-const BATCH: usize = 16;
-
-/// A [`Line`] in memory, and the layers that it counts.
-#[derive(Debug, Clone, Copy, Default)]
-struct Stored {
-    rows: [Row; 7],
-    valid: u16,
-    shadow_side: u16,
-    front: f32,
-    back: f32,
+/// Edges that follow each other.
+///
+/// What a receiver gets is summed term by term in the order of edges, so that neither culling nor the other
+/// receivers of a block change a bit.
+struct Chain<S> {
+    square: bool,
+    /// Front and back layers that its last edge counts.
+    weights: [f32; 2],
+    /// Its last vertex.
+    end: Option<Seen<S>>,
+    /// Lanes in which its last edge is an [`Inner`] one.
+    inner: u16,
+    /// Front and back layers that inner edges cover, of this chain and those before, in units of [`turn`].
+    sum: [S; 2],
 }
 
-impl Stored {
+impl<S: Lanes> Chain<S> {
+    /// An empty one.
+    ///
+    /// # Safety
+    /// The features of `S` are enabled; so for all methods.
     #[inline(always)]
-    unsafe fn set<S: Lanes>(&mut self, line: &Line<S>, edge: &AreaEdge) {
-        let [h, from, to, dx, dy, fx, fy] = &mut self.rows;
+    unsafe fn new(square: bool) -> Self {
+        Chain {
+            square,
+            weights: [0.0; 2],
+            end: None,
+            inner: 0,
+            // SAFETY: the caller enabled the features of `S`.
+            sum: [unsafe { S::splat(0.0) }; 2],
+        }
+    }
+
+    /// Adds the edge from its end `a` to `b` for the lanes `inner`.
+    #[inline(always)]
+    unsafe fn extend(
+        &mut self,
+        a: &Seen<S>,
+        b: &Seen<S>,
+        inner: u16,
+        block: &Block,
+        edge: &AreaEdge,
+    ) {
         // SAFETY: the caller enabled the features of `S`; so for all calls below.
         unsafe {
-            line.h.store(h);
-            line.from.store(from);
-            line.to.store(to);
-            line.direction[0].store(dx);
-            line.direction[1].store(dy);
-            line.foot[0].store(fx);
-            line.foot[1].store(fy);
+            self.weights = edge.weights;
+            self.bound(a, self.inner & !inner, inner & !self.inner);
+            if inner != 0 {
+                let part = Inner::new(a, b, inner, block, edge);
+                let zero = S::splat(0.0);
+                self.add(zero.sub(part.twice_triangle), inner);
+                if part.more | part.less != 0 {
+                    self.add(S::splat(turn(self.square)), part.more);
+                    self.add(S::splat(-turn(self.square)), part.less);
+                }
+            }
+            (self.inner, self.end) = (inner, Some(*b));
         }
-        (self.valid, self.shadow_side) = (line.valid, line.shadow_side);
-        (self.front, self.back) = (edge.front, edge.back);
     }
 
+    /// Lets inner edges end at a vertex in some lanes and start in others.
     #[inline(always)]
-    unsafe fn line<S: Lanes>(&self) -> Line<S> {
-        // SAFETY: the caller enabled the features of `S`.
-        let [h, from, to, dx, dy, fx, fy] = self.rows.each_ref().map(|r| unsafe { S::load(r) });
-        Line {
-            h,
-            direction: [dx, dy],
-            foot: [fx, fy],
-            from,
-            to,
-            valid: self.valid,
-            shadow_side: self.shadow_side,
+    unsafe fn bound(&mut self, at: &Seen<S>, ends: u16, starts: u16) {
+        if ends | starts != 0 {
+            // SAFETY: the caller enabled the features of `S`; so for all calls below.
+            unsafe {
+                let around = at.around(self.square);
+                let signed = around.select(ends, S::splat(0.0).sub(around));
+                self.add(signed, ends | starts);
+            }
+        }
+    }
+
+    /// Adds a term in some lanes.
+    #[inline(always)]
+    unsafe fn add(&mut self, term: S, lanes: u16) {
+        // SAFETY: the caller enabled the features of `S`; so for all calls below.
+        unsafe {
+            let term = term.select(lanes, S::splat(0.0));
+            self.sum[0] = self.sum[0].add(term.mul(S::splat(self.weights[0])));
+            self.sum[1] = self.sum[1].add(term.mul(S::splat(self.weights[1])));
+        }
+    }
+
+    /// Ends it.
+    #[inline(always)]
+    unsafe fn finish(&mut self) {
+        if let Some(end) = self.end.take() {
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe { self.bound(&end, self.inner, 0) };
+            self.inner = 0;
         }
     }
 }
 
-/// An edge as sixteen receivers see it on the light.
-struct Line<S> {
-    /// Its distance from the centre.
-    h: S,
-    /// Its direction, unit length.
-    direction: [S; 2],
-    /// Its point nearest to the centre.
-    foot: [S; 2],
-    /// Where the edge starts and ends, from that point.
-    from: S,
-    to: S,
-    /// Lanes in which the edge is between receiver and light and its line crosses a circle around the light.
-    valid: u16,
+/// Edges that are first drawn onto the light and then measured: each step for an edge is a chain of
+/// operations that wait for each other, and a processor looks only so many instructions ahead for others.
+/// Few enough to stay in the nearest cache.
+pub(super) const BATCH: usize = 16;
+
+/// An edge drawn onto the light.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pending {
+    line: Stored,
     /// Lanes whose receiver is on the shadow side of the plane through edge and centre.
     shadow_side: u16,
+    /// Front and back layers that it counts.
+    weights: [f32; 2],
 }
 
+/// Adds what edges cut off.
 #[inline(always)]
-unsafe fn line_on_light<S: Lanes>(block: &Block, edge: &AreaEdge, square: bool) -> Option<Line<S>> {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let mut a = [Row::default(); 3];
-        let e: [f32; 3] = std::array::from_fn(|i| (edge.ends[1][i] - edge.ends[0][i]) as f32);
-        let [x, y, z] = &block.position;
-        for i in 0..LANES {
-            a[0].0[i] = (edge.ends[0][0] - x[i]) as f32;
-            a[1].0[i] = (edge.ends[0][1] - y[i]) as f32;
-            a[2].0[i] = (edge.ends[0][2] - z[i]) as f32;
+unsafe fn measure<S: Lanes>(lines: &[Pending], square: bool, steps: f32, out: &mut [S; 2]) {
+    for pending in lines {
+        // SAFETY: the caller enabled the features of `S`; so for all calls below.
+        unsafe {
+            let beyond = pending.line.line::<S>().beyond(square);
+            let beyond = if steps > 0.0 {
+                let magic = S::splat(12_582_912.0);
+                let rounded = beyond.mul(S::splat(steps)).add(magic).sub(magic);
+                rounded.div(S::splat(steps))
+            } else {
+                beyond
+            };
+            let signed = S::splat(0.0)
+                .sub(beyond)
+                .select(pending.shadow_side, beyond);
+            let [front, back] = pending.weights;
+            out[0] = out[0].add(signed.mul(S::splat(front)));
+            out[1] = out[1].add(signed.mul(S::splat(back)));
         }
-        let (ax, ay, az) = (S::load(&a[0]), S::load(&a[1]), S::load(&a[2]));
-        let (ex, ey, ez) = (S::splat(e[0]), S::splat(e[1]), S::splat(e[2]));
-        let m = &block.matrix;
-        let qa = [
-            row::<S>(&m[0], ax, ay, az),
-            row::<S>(&m[1], ax, ay, az),
-            row::<S>(&m[2], ax, ay, az),
-        ];
-        let qe = [
-            row::<S>(&m[0], ex, ey, ez),
-            row::<S>(&m[1], ex, ey, ez),
-            row::<S>(&m[2], ex, ey, ez),
-        ];
-        let qb = [qa[0].add(qe[0]), qa[1].add(qe[1]), qa[2].add(qe[2])];
-        let zero = S::splat(0.0);
-        let (ahead_a, ahead_b) = (zero.lt(qa[2]), zero.lt(qb[2]));
-        let far = S::load(&block.far);
-        let before = qa[2].lt(far) | qb[2].lt(far);
-        // The line through both ends in homogeneous coordinates, from the edge vector and not the other
-        // end, so that it stays accurate for short edges.
-        let lx = qa[1].mul(qe[2]).sub(qa[2].mul(qe[1]));
-        let ly = qa[2].mul(qe[0]).sub(qa[0].mul(qe[2]));
-        let lz = qa[0].mul(qe[1]).sub(qa[1].mul(qe[0]));
-        let length = lx.mul(lx).add(ly.mul(ly));
-        // The square reaches to √2.
-        let reach = S::splat(if square { 2.0 } else { 1.0 });
-        let near = lz.mul(lz).lt(length.mul(reach));
-        let valid = (ahead_a | ahead_b) & before & near;
-        if valid == 0 {
-            return None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::LANES;
+    use proptest::prelude::*;
+
+    /// A closed contour of one front layer.
+    fn contour(points: &[[f64; 2]], height: f64) -> Vec<Edge> {
+        let n = points.len();
+        let at = |i: usize| DVec3::new(points[i % n][0], points[i % n][1], height);
+        let edge = |i: usize| Edge {
+            ends: [at(i), at(i + 1)],
+            vertices: [i as u32, ((i + 1) % n) as u32],
+            front: 1,
+            back: 0,
+            object: 0,
+        };
+        (0..n).map(edge).collect()
+    }
+
+    fn covered(edges: &[Edge], light: &Light, p: &[DVec3], steps: f32) -> [f32; LANES] {
+        let quads: Vec<Quad> = edges
+            .iter()
+            .map(|e| Quad::hard(e, light.center()))
+            .collect();
+        let kernel = area_edges(edges, &quads, light);
+        let frame = LightFrame::new(light);
+        let ids: Vec<u32> = (0..edges.len() as u32).collect();
+        let (mut block, mut out) = (Block::default(), [Row::default(); 2]);
+        block.set(&frame, p);
+        cover(&frame, &kernel, &ids, &mut block, steps, &mut out);
+        out[0].0
+    }
+
+    fn lights() -> [Light; 3] {
+        let up = 1.5 * DVec3::Z;
+        [
+            Light::disk(up, -DVec3::Z, 0.5, [1.0; 3]).expect("valid"),
+            Light::rect(up, DVec3::X, -0.8 * DVec3::Y, [1.0; 3]).expect("valid"),
+            Light::sphere(up, 0.5, [1.0; 3]).expect("valid"),
+        ]
+    }
+
+    proptest! {
+        /// Rounded to steps, every edge is measured by itself: what chains leave out must be what cancels.
+        /// Points on a grid make edges pass through the centre, and vertices meet it, as some receivers see it.
+        #[test]
+        fn chains_cover_what_their_edges_cover_one_by_one(
+            grid in prop::collection::vec(prop::array::uniform2(-8i8..=8), 3..12),
+            shift in prop::array::uniform2(-0.2..0.2),
+            x in prop::collection::vec(-0.3..0.3, LANES),
+        ) {
+            let points: Vec<_> = grid.iter().map(|p| p.map(|x| f64::from(x) / 16.0)).collect();
+            let receivers: Vec<DVec3> = x.iter().map(|&x| DVec3::new(x + shift[0], shift[1], 0.0)).collect();
+            let edges = contour(&points, 0.75);
+            for light in lights() {
+                let once = covered(&edges, &light, &receivers, 0.0);
+                let alone = covered(&edges, &light, &receivers, 1e6);
+                for (once, alone) in once.into_iter().zip(alone) {
+                    // Half a step and some ulps of half a turn an edge.
+                    prop_assert!((once - alone).abs() < 2e-6 * edges.len() as f32, "{once} {alone}");
+                }
+            }
         }
-        let mut side = Row::default();
-        for i in 0..LANES {
-            let n = &edge.normal;
-            let value = n[0] * x[i] + n[1] * y[i] + n[2] * z[i] - edge.offset;
-            side.0[i] = if value < 0.0 { -1.0 } else { 1.0 };
+    }
+
+    #[test]
+    fn a_polygon_within_the_light_covers_its_area() {
+        // A star around the centre's shadow, wound so that it occludes its inside.
+        let star: Vec<[f64; 2]> = (0..40)
+            .map(|i| {
+                let (sin, cos) = (f64::from(i) * std::f64::consts::TAU / 40.0).sin_cos();
+                let r = if i % 2 == 0 { 0.2 } else { 0.1 };
+                [r * cos, r * sin]
+            })
+            .collect();
+        let area = 20.0 * 0.2 * 0.1 * (std::f64::consts::TAU / 40.0).sin();
+        let edges = contour(&star, 0.75);
+        let [disk, rect, _] = lights();
+        for (light, all) in [(disk, std::f64::consts::PI * 0.25), (rect, 0.8)] {
+            // From the middle the centre is hidden: one layer less the light around the polygon.
+            let hidden = covered(&edges, &light, &[DVec3::ZERO], 0.0)[0];
+            // Drawn onto the light, twice as large.
+            let expected = 4.0 * area / all - 1.0;
+            assert!(
+                (f64::from(hidden) - expected).abs() < 1e-6,
+                "{hidden} {expected}"
+            );
+            // From aside, the centre is free.
+            let aside = covered(&edges, &light, &[DVec3::new(0.42, 0.0, 0.0)], 0.0)[0];
+            let inside = f64::from(aside);
+            assert!(
+                inside > 0.0 && inside <= 4.0 * area / all + 1e-6,
+                "{inside}"
+            );
         }
-        // One division instead of three, which take longer than all the rest.
-        let root = length.max(S::splat(f32::MIN_POSITIVE)).sqrt();
-        let near = S::splat(NEAREST);
-        let za = qa[2].max(near).select(ahead_a, S::splat(1.0));
-        let zb = qb[2].max(near).select(ahead_b, S::splat(1.0));
-        let both = za.mul(zb);
-        let inverse = S::splat(1.0).div(both.mul(root));
-        let scale = both.mul(inverse);
-        let (lx, ly, lz) = (lx.mul(scale), ly.mul(scale), lz.mul(scale));
-        let direction = [ly, zero.sub(lx)];
-        let along_a = qa[0].mul(direction[0]).add(qa[1].mul(direction[1]));
-        let along_b = qb[0].mul(direction[0]).add(qb[1].mul(direction[1]));
-        // What is behind the receiver starts or ends infinitely far away.
-        let root = root.mul(inverse);
-        let from = along_a.mul(zb.mul(root));
-        let to = along_b.mul(za.mul(root));
-        Some(Line {
-            h: lz.abs(),
-            direction,
-            foot: [zero.sub(lz.mul(lx)), zero.sub(lz.mul(ly))],
-            from: from.select(ahead_a, S::splat(-FAR)),
-            to: to.select(ahead_b, S::splat(FAR)),
-            valid,
-            shadow_side: S::load(&side).lt(zero),
-        })
     }
-}
 
-#[inline(always)]
-unsafe fn row<S: Lanes>(m: &[Row; 3], x: S, y: S, z: S) -> S {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let (a, b, c) = (S::load(&m[0]), S::load(&m[1]), S::load(&m[2]));
-        a.mul(x).add(b.mul(y)).add(c.mul(z))
-    }
-}
-
-/// Fraction of the unit disk in the edge's sector beyond it.
-#[inline(always)]
-unsafe fn beyond_in_disk<S: Lanes>(line: &Line<S>) -> S {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let h = line.h;
-        let half = S::splat(1.0).sub(h.mul(h)).max(S::splat(0.0)).sqrt();
-        let low = S::splat(0.0).sub(half);
-        let t0 = line.from.max(low).min(half);
-        let t1 = line.to.max(low).min(half);
-        let triangle = h.mul(t1.sub(t0).max(S::splat(0.0)));
-        let angle = angle::<S>(triangle, h.mul(h).add(t0.mul(t1)));
-        let area = angle.sub(triangle).max(S::splat(0.0));
-        let area = area.mul(S::splat(0.5 / std::f32::consts::PI));
-        area.select(t0.lt(t1), S::splat(0.0))
-    }
-}
-
-/// Fraction of the square [-1, 1]² in the edge's sector beyond it.
-#[inline(always)]
-unsafe fn beyond_in_square<S: Lanes>(line: &Line<S>) -> S {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let (mut t0, mut t1) = (line.from, line.to);
-        // A line along a side leaves the slab nowhere: so far away that it does not matter.
-        let slope = |d: S| S::splat(1.0 / FAR).select(d.abs().lt(S::splat(1.0 / FAR)), d);
-        let [dx, dy] = line.direction.map(slope);
-        let inverse = S::splat(1.0).div(dx.mul(dy));
-        for (axis, inverse) in [dy.mul(inverse), dx.mul(inverse)].into_iter().enumerate() {
-            let f = line.foot[axis];
-            let low = S::splat(-1.0).sub(f).mul(inverse);
-            let high = S::splat(1.0).sub(f).mul(inverse);
-            t0 = t0.max(low.min(high));
-            t1 = t1.min(low.max(high));
-        }
-        let inside = t0.lt(t1);
-        let ends =
-            [t0, t1].map(|t| [0, 1].map(|axis| line.foot[axis].add(line.direction[axis].mul(t))));
-        // Of a point in the centre any place on the border will do.
-        let [m0, m1] = ends.map(|[x, y]| x.abs().max(y.abs()).max(S::splat(NEAREST)));
-        let inverse = S::splat(1.0).div(m0.mul(m1));
-        let p0 = border::<S>(ends[0], m1.mul(inverse));
-        let p1 = border::<S>(ends[1], m0.mul(inverse));
-        let way = p0.sub(p1).abs();
-        let way = way.min(S::splat(8.0).sub(way));
-        let area = way.sub(line.h.mul(t1.sub(t0))).max(S::splat(0.0));
-        area.mul(S::splat(0.125)).select(inside, S::splat(0.0))
-    }
-}
-
-/// How far along the square's border, counter-clockwise from the middle of its right side, a point is seen
-/// from the centre, `scale` times which is on the border; the border is 8 long.
-#[inline(always)]
-unsafe fn border<S: Lanes>([x, y]: [S; 2], scale: S) -> S {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let (ax, ay) = (x.abs(), y.abs());
-        let (sx, sy) = (x.mul(scale), y.mul(scale));
-        let zero = S::splat(0.0);
-        let right = sy;
-        let left = S::splat(4.0).sub(sy);
-        let top = S::splat(2.0).sub(sx);
-        let bottom = S::splat(6.0).add(sx);
-        let horizontal = left.select(x.lt(zero), right);
-        let vertical = bottom.select(y.lt(zero), top);
-        horizontal.select(ay.lt(ax), vertical)
-    }
-}
-
-/// Angle, 0 to π, of the direction `(cos, sin)` of any length, `sin >= 0`; wrong by at most 1e-7
-/// (Abramowitz and Stegun 4.4.49, and rounding).
-#[inline(always)]
-pub(super) unsafe fn angle<S: Lanes>(sin: S, cos: S) -> S {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let c = cos.abs();
-        let (small, large) = (sin.min(c), sin.max(c).max(S::splat(f32::MIN_POSITIVE)));
-        let x = small.div(large);
-        let x2 = x.mul(x);
-        // Pairs of terms, pairs of pairs, …: the next edge's work cannot start as long as this one's waits.
-        let x4 = x2.mul(x2);
-        let x8 = x4.mul(x4);
-        let pair = |low: f32, high: f32| S::splat(low).add(S::splat(high).mul(x2));
-        let low = pair(1.0, -0.333_331_45).add(pair(0.199_935_51, -0.142_089).mul(x4));
-        let high =
-            pair(0.106_562_64, -0.075_289_64).add(pair(0.042_909_614, -0.016_165_737).mul(x4));
-        let p = low.add(high.add(S::splat(0.002_866_225_7).mul(x8)).mul(x8));
-        let first = p.mul(x);
-        let pi = std::f32::consts::PI;
-        let octant = S::splat(0.5 * pi).sub(first).select(c.lt(sin), first);
-        S::splat(pi)
-            .sub(octant)
-            .select(cos.lt(S::splat(0.0)), octant)
+    #[test]
+    fn edges_are_put_into_chains() {
+        let edges = contour(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], 1.0);
+        let mixed = [edges[2], edges[0], edges[3], edges[1]];
+        let starts = |e: &[Edge]| e.iter().map(|e| e.vertices[0]).collect::<Vec<_>>();
+        assert_eq!(
+            starts(&super::super::contour::in_chains(&mixed)),
+            [2, 3, 0, 1]
+        );
+        // One that bounds other layers does not continue a chain.
+        let other = Edge {
+            front: 2,
+            ..edges[1]
+        };
+        let mixed = [edges[2], edges[0], edges[3], other];
+        let chains = super::super::contour::in_chains(&mixed);
+        assert_eq!(starts(&chains), [2, 3, 0, 1]);
+        let quads: Vec<Quad> = chains
+            .iter()
+            .map(|e| Quad::hard(e, 2.0 * DVec3::Z))
+            .collect();
+        let kernel = area_edges(&chains, &quads, &lights()[2]);
+        assert_eq!(
+            kernel.iter().map(|e| e.follows).collect::<Vec<_>>(),
+            [false, true, true, false]
+        );
     }
 }

@@ -126,17 +126,19 @@ impl BoundsList {
         size_of_val(&self.rows[..]) + size_of_val(&self.ids[..])
     }
 
-    /// Keeps those of another list, from place `range.start` to `range.end`, that a box meets, or all.
-    pub fn keep(&mut self, of: &BoundsList, range: Range<usize>, extent: Option<&Extent>) {
-        self.ids.clear();
-        self.rows.clear();
-        self.crossing = of.crossing;
-        of.each(range, extent, &mut |place| {
-            let lane = self.next(of.ids[place]);
-            let (from, to) = (
-                &of.rows[place / LANES],
-                self.rows.last_mut().expect("made by `next`"),
-            );
+    /// Keeps those that a box meets, or all.
+    pub fn keep(&self, extent: Option<&Extent>) -> BoundsList {
+        let (mut all, mut part) = (Part::default(), Part::default());
+        self.part(0..self.ids.len(), &mut all);
+        self.meeting(&all, extent, &mut part);
+        let mut out = BoundsList {
+            crossing: self.crossing,
+            ..BoundsList::default()
+        };
+        part.each(|place| {
+            let lane = out.next(self.ids[place]);
+            let from = &self.rows[place / LANES];
+            let to = out.rows.last_mut().expect("made by `next`");
             for plane in 0..4 {
                 for axis in 0..3 {
                     to.normal[plane][axis].0[lane] = from.normal[plane][axis].0[place % LANES];
@@ -144,39 +146,91 @@ impl BoundsList {
                 to.offset[plane].0[lane] = from.offset[plane].0[place % LANES];
             }
         });
+        out
     }
 
-    /// Lists the numbers of the wedges that a box meets, or of all.
-    pub fn list(&self, extent: Option<&Extent>, out: &mut Vec<u32>) {
-        out.clear();
-        self.each(0..self.ids.len(), extent, &mut |place| {
-            out.push(self.ids[place])
-        });
-    }
-
-    fn each(&self, range: Range<usize>, extent: Option<&Extent>, found: &mut dyn FnMut(usize)) {
-        if range.is_empty() {
-            return;
+    /// Those from place `range.start` to `range.end`.
+    pub fn part(&self, range: Range<usize>, out: &mut Part) {
+        out.0.clear();
+        let (first, last) = (range.start / LANES, range.end.div_ceil(LANES));
+        for block in first..last.max(first) {
+            let below = |place: usize| match place.saturating_sub(block * LANES) {
+                n if n < LANES => (1 << n) - 1,
+                _ => u16::MAX,
+            };
+            let mask = below(range.end) & !below(range.start);
+            if mask != 0 {
+                out.0.push((block as u32, mask));
+            }
         }
-        for block in range.start / LANES..range.end.div_ceil(LANES) {
-            let mut mask = extent.map_or(u16::MAX, |e| meets(&self.rows[block], self.crossing, e));
+    }
+
+    /// Those of a part that a box meets, or all of it.
+    pub fn meeting(&self, part: &Part, extent: Option<&Extent>, out: &mut Part) {
+        out.0.clear();
+        let (rows, crossing) = (&self.rows[..], self.crossing);
+        match extent {
+            None => out.0.extend(&part.0),
+            Some(extent) => dispatch!(detect() => meeting_lanes(
+                rows: &[Sixteen], crossing: bool, part: &Part, extent: &Extent, out: &mut Part,
+            )),
+        }
+    }
+
+    /// Lists the numbers of the wedges of a part.
+    pub fn list(&self, part: &Part, out: &mut Vec<u32>) {
+        out.clear();
+        part.each(|place| out.push(self.ids[place]));
+    }
+}
+
+/// Some of a [`BoundsList`]: by rows of sixteen, a bit each.
+#[derive(Debug, Clone, Default)]
+pub struct Part(Vec<(u32, u16)>);
+
+impl Part {
+    /// Whether it is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// How many they are.
+    pub fn len(&self) -> usize {
+        self.0
+            .iter()
+            .map(|(_, mask)| mask.count_ones() as usize)
+            .sum()
+    }
+
+    fn each(&self, mut found: impl FnMut(usize)) {
+        for &(block, mut mask) in &self.0 {
             while mask != 0 {
-                let place = block * LANES + mask.trailing_zeros() as usize;
+                found(block as usize * LANES + mask.trailing_zeros() as usize);
                 mask &= mask - 1;
-                if range.contains(&place) {
-                    found(place);
-                }
             }
         }
     }
 }
 
-fn meets(row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
-    dispatch!(detect() => meets_lanes(row: &Sixteen, crossing: bool, extent: &Extent) -> u16)
+#[inline(always)]
+unsafe fn meeting_lanes<S: Lanes>(
+    rows: &[Sixteen],
+    crossing: bool,
+    part: &Part,
+    extent: &Extent,
+    out: &mut Part,
+) {
+    for &(block, mask) in &part.0 {
+        // SAFETY: the caller enabled the features of `S`.
+        let mask = mask & unsafe { meets::<S>(&rows[block as usize], crossing, extent) };
+        if mask != 0 {
+            out.0.push((block, mask));
+        }
+    }
 }
 
 #[inline(always)]
-unsafe fn meets_lanes<S: Lanes>(row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
+unsafe fn meets<S: Lanes>(row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
     // SAFETY: the caller enabled the features of `S`; so for all calls below.
     unsafe {
         let (c, h) = (extent.center.to_array(), extent.half.to_array());
@@ -223,13 +277,21 @@ mod tests {
         let all: Vec<Bounds> = (0..20).map(|i| slab(f64::from(i))).collect();
         let list = BoundsList::new(&all);
         let extent = Extent::of([DVec3::new(1.5, 0.5, 0.0), DVec3::new(3.5, 0.6, 0.0)].into_iter());
-        let (mut found, mut kept) = (Vec::new(), BoundsList::default());
-        list.list(Some(&extent), &mut found);
-        assert_eq!(found, [1, 2, 3]);
-        kept.keep(&list, 2..20, Some(&extent));
-        assert_eq!(kept.ids(), [2, 3]);
+        let listed = |list: &BoundsList, range: Range<usize>, extent: &Extent| {
+            let (mut some, mut met, mut found) = (Part::default(), Part::default(), Vec::new());
+            list.part(range, &mut some);
+            list.meeting(&some, Some(extent), &mut met);
+            list.list(&met, &mut found);
+            found
+        };
+        assert_eq!(listed(&list, 0..20, &extent), [1, 2, 3]);
+        assert_eq!(listed(&list, 2..20, &extent), [2, 3]);
+        assert_eq!(listed(&list, 0..3, &extent), [1, 2]);
+        assert!(listed(&list, 7..7, &extent).is_empty());
+        let kept = list.keep(Some(&extent));
+        assert_eq!(kept.ids(), [1, 2, 3]);
+        assert_eq!(listed(&kept, 1..3, &extent), [2, 3]);
         let above = Extent::of([DVec3::new(1.5, 1.5, 0.0)].into_iter());
-        kept.list(Some(&above), &mut found);
-        assert!(found.is_empty());
+        assert!(listed(&list, 0..20, &above).is_empty());
     }
 }

@@ -8,14 +8,15 @@
 
 use glam::DVec3;
 
-use super::area::{self, AreaEdge, Block, LightFrame};
-use super::bounds::{BoundsList, Extent};
+use super::area::{self, AreaEdge};
+use super::block::{Block, LightFrame};
+use super::bounds::{BoundsList, Extent, Part};
 use super::interpolate::{self, Wedge};
 use super::volume::Drawing;
 use super::{Buffer, Cast, Overlap, Settings};
 use crate::camera::Camera;
 use crate::raster::{SPAN, Sink, TILE, Tile, tile_count};
-use crate::receivers::{BLOCK, GROUP, Receivers};
+use crate::receivers::{BLOCK, Receivers};
 use crate::simd::{LANES, Row};
 
 /// Pixels of a tile, and a span more so that every span can be read whole.
@@ -104,6 +105,8 @@ pub(super) struct TileBuffer<'a> {
     frame: &'a Frame<'a>,
     tile: Tile,
     groups: &'a [u32],
+    /// Places of the groups' receivers in the tile, one after the other.
+    places: Vec<u32>,
     extents: Vec<Extent>,
     extent: Extent,
     position: [Vec<f64>; 3],
@@ -133,10 +136,12 @@ impl<'a> TileBuffer<'a> {
         let groups = &frame.groups[index];
         let mut position = [(); 3].map(|()| vec![0.0; PIXELS]);
         let mut extents = Vec::with_capacity(groups.len());
+        let mut places = Vec::with_capacity(PIXELS);
         for &group in groups {
             let range = frame.range(group);
             for i in range.clone() {
                 let place = frame.place(tile, i);
+                places.push(place as u32);
                 let p = frame.receivers.positions[i];
                 for axis in 0..3 {
                     position[axis][place] = p[axis];
@@ -146,19 +151,15 @@ impl<'a> TileBuffer<'a> {
         }
         let all = groups.iter().flat_map(|&g| frame.range(g));
         let extent = Extent::of(all.map(|i| frame.receivers.positions[i]));
-        let mut wedges = BoundsList::default();
-        if !groups.is_empty() {
-            let all = &frame.cast.bounds;
-            wedges.keep(
-                all,
-                0..all.ids().len(),
-                frame.settings.cull.then_some(&extent),
-            );
-        }
+        let wedges = match groups.is_empty() {
+            true => BoundsList::default(),
+            false => (frame.cast.bounds).keep(frame.settings.cull.then_some(&extent)),
+        };
         TileBuffer {
             frame,
             tile,
             groups,
+            places,
             extents,
             extent,
             position,
@@ -179,17 +180,19 @@ impl<'a> TileBuffer<'a> {
         self.end_object(u32::MAX);
         let frame = self.frame;
         let light = &frame.cast.light;
+        let mut places = &self.places[..];
         let one = |&group: &u32| {
             let range = frame.range(group);
+            let (own, rest) = places.split_at(range.len());
+            places = rest;
             let mut visible = Vec::with_capacity(range.len());
             let (p, n) = (&frame.receivers.positions, &frame.receivers.normals);
-            light.fractions_above(&p[range.clone()], &n[range.clone()], |i, h| {
-                let place = frame.place(self.tile, range.start + i);
-                visible.push(self.visibility[place].min(h as f32));
+            light.fractions_above(&p[range.clone()], &n[range], |i, h| {
+                visible.push(self.visibility[own[i] as usize].min(h as f32));
             });
             let cover = self.cover.iter().flat_map(|cover| {
-                let places = frame.range(group).map(|i| frame.place(self.tile, i));
-                places.map(move |at| [cover[0][at], cover[1][at]])
+                let at = |&place: &u32| [0, 1].map(|side: usize| cover[side][place as usize]);
+                own.iter().map(at)
             });
             (group, visible, cover.collect())
         };
@@ -233,37 +236,45 @@ impl<'a> TileBuffer<'a> {
     /// Lets one object take its light away: its wedges, and the layers counted or over the eye.
     fn combine(&mut self, wedges: std::ops::Range<usize>, over: [i32; 2], counted: bool) {
         let frame = self.frame;
-        let (mut near, mut nearest) = (BoundsList::default(), Vec::new());
+        let [mut all_near, mut near, mut nearest] = [(); 3].map(|()| Part::default());
+        self.wedges.part(wedges, &mut all_near);
+        let mut ids = Vec::new();
         let mut block = Block::default();
         let mut points = [DVec3::ZERO; LANES];
         let mut all = Vec::new();
-        for (place, &group) in self.groups.iter().enumerate() {
+        let mut places = &self.places[..];
+        for (&group, extent) in self.groups.iter().zip(&self.extents) {
             let range = frame.range(group);
-            let first = frame.place(self.tile, range.start);
-            let (x, y) = (first as u32 % TILE / BLOCK, first as u32 / TILE / BLOCK);
+            let (own, rest) = places.split_at(range.len());
+            places = rest;
+            let (x, y) = (own[0] % TILE / BLOCK, own[0] / TILE / BLOCK);
             let touched = counted && self.touched >> (y * 8 + x) & 1 == 1;
-            let extent = self.extents[place];
             let cull = frame.settings.cull;
-            near.keep(&self.wedges, wedges.clone(), cull.then_some(&extent));
-            if !touched && over == [0, 0] && near.ids().is_empty() {
+            (self.wedges).meeting(&all_near, cull.then_some(extent), &mut near);
+            if !touched && over == [0, 0] && near.is_empty() {
                 continue;
             }
-            quarters(range, &mut all);
+            all.clear();
+            all.extend(0..own.len());
+            if near.len() > 32 {
+                cluster(&frame.receivers.positions[range.clone()], &mut all);
+            }
             for lanes in all.chunks(LANES) {
                 let mut cover = [Row::default(); 2];
-                if !near.ids().is_empty() {
+                if !near.is_empty() {
                     for (p, &i) in points.iter_mut().zip(lanes) {
-                        *p = frame.receivers.positions[i];
+                        *p = frame.receivers.positions[range.start + i];
                     }
                     let points = &points[..lanes.len()];
                     let extent = Extent::of(points.iter().copied());
-                    near.list(cull.then_some(&extent), &mut nearest);
+                    (self.wedges).meeting(&near, cull.then_some(&extent), &mut nearest);
+                    self.wedges.list(&nearest, &mut ids);
                     frame
                         .cast
-                        .cover(&nearest, points, &mut block, frame.steps(), &mut cover);
+                        .cover(&ids, points, &mut block, frame.steps(), &mut cover);
                 }
                 for (lane, &i) in lanes.iter().enumerate() {
-                    let at = frame.place(self.tile, i);
+                    let at = own[i] as usize;
                     let layers = |side: usize| match touched {
                         true => (self.layers[side][at] + over[side]) as f32,
                         false => over[side] as f32,
@@ -296,18 +307,24 @@ impl<'a> TileBuffer<'a> {
     }
 }
 
-/// Receivers of a group, those of a full one in quarters of 4×4 pixels: each then makes a box of its own.
-fn quarters(range: std::ops::Range<usize>, out: &mut Vec<usize>) {
-    out.clear();
-    if range.len() < GROUP {
-        out.extend(range);
+/// Orders receivers so that every sixteen have a small box around them: a block of pixels may see surfaces far
+/// apart, or one at a flat angle.
+fn cluster(at: &[DVec3], order: &mut [usize]) {
+    if order.len() <= LANES {
         return;
     }
-    let place = |i: usize| {
-        let (quarter, within) = (i / LANES, i % LANES);
-        (quarter / 2 * 4 + within / 4) * 8 + quarter % 2 * 4 + within % 4
-    };
-    out.extend((0..GROUP).map(|i| range.start + place(i)));
+    let (low, high) = order
+        .iter()
+        .map(|&i| at[i])
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
+            (low.min(p), high.max(p))
+        });
+    let axis = (high - low).max_position();
+    let middle = (order.len() / 2).next_multiple_of(LANES);
+    order.select_nth_unstable_by(middle, |&i, &j| at[i][axis].total_cmp(&at[j][axis]));
+    let (first, second) = order.split_at_mut(middle);
+    cluster(at, first);
+    cluster(at, second);
 }
 
 impl Cast {

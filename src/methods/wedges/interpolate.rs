@@ -20,8 +20,8 @@
 
 use glam::DVec3;
 
-use super::area::angle;
 use super::planes::{self, Plane};
+use super::sector::angle;
 use crate::light::{Light, Shape};
 use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 

@@ -20,11 +20,13 @@
 //! continuous but wrong.
 
 pub mod area;
+pub mod block;
 pub mod bounds;
 pub mod buffer;
 pub mod contour;
 pub mod interpolate;
 pub mod planes;
+mod sector;
 pub mod tangent;
 pub mod volume;
 
@@ -41,10 +43,11 @@ use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use crate::raster::cover_projected;
 use crate::receivers::Receivers;
-use area::{AreaEdge, LightFrame};
+use area::area_edges;
+use block::LightFrame;
 use bounds::{Bounds, BoundsList};
 use buffer::{Frame, Groups, Interior, TileBuffer};
-use contour::{Casters, Edge};
+use contour::{Casters, Edge, in_chains};
 use planes::{Construction, Wedge};
 use tangent::tangents;
 use volume::{Counting, Quad, View};
@@ -253,12 +256,11 @@ impl Cast {
             },
             Some((Falloff::Light, _)) => {
                 let quads = hard();
-                let pairs = edges.par_iter().zip(&quads);
                 let bounds: Vec<Bounds> =
                     edges.par_iter().map(|e| bounds_of_edge(e, light)).collect();
-                let kernel = pairs.map(|(e, q)| AreaEdge::new(e, light, q.normal, q.offset));
+                let kernel = area_edges(edges, &quads, light);
                 Cast {
-                    interior: Interior::Area(LightFrame::new(light), kernel.collect()),
+                    interior: Interior::Area(LightFrame::new(light), kernel),
                     bounds: BoundsList::new(&bounds),
                     objects: edges.iter().map(|e| e.object).collect(),
                     quads,
@@ -327,7 +329,7 @@ impl PreparedWedges {
         // In parallel even for one light: what follows then stays with the workers, without a wake-up a step.
         let contours: Vec<Vec<Edge>> = lights
             .par_iter()
-            .map(|l| casters.silhouettes(l.center(), settings.objects()))
+            .map(|l| in_chains(&casters.silhouettes(l.center(), settings.objects())))
             .collect();
         let silhouettes = lap();
         control.check()?;

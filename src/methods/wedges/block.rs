@@ -1,0 +1,188 @@
+//! Sixteen receivers, and how each draws directions onto the light.
+
+use glam::DVec3;
+
+use super::area::{AreaEdge, BATCH, Pending};
+use super::sector::Split;
+use crate::light::{Light, Shape};
+use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+
+/// Sixteen receivers.
+#[derive(Debug, Clone, Default)]
+pub struct Block {
+    /// Local positions by axes, as [`Split`] does.
+    pub(super) position: [[Row; 2]; 3],
+    /// Local positions, for the side of a plane that a receiver is on.
+    exact: [[f64; LANES]; 3],
+    /// From directions to homogeneous coordinates on the light, by rows.
+    matrix: [[Row; 3]; 3],
+    /// What the last row gives at the light's centre: silhouettes farther away do not occlude.
+    pub(super) far: Row,
+    /// Room for what happens between the two steps of [`cover`](super::area::cover).
+    pub(super) lines: [Pending; BATCH],
+}
+
+impl Block {
+    /// Fills the lanes; what is left over repeats the first receiver.
+    pub fn set(&mut self, frame: &LightFrame, receivers: &[DVec3]) {
+        for lane in 0..LANES {
+            let p = receivers[if lane < receivers.len() { lane } else { 0 }];
+            for axis in 0..3 {
+                self.exact[axis][lane] = p[axis];
+            }
+        }
+        let block = self;
+        dispatch!(detect() => set_lanes(block: &mut Block, frame: &LightFrame));
+    }
+
+    /// Homogeneous coordinates on the light of directions.
+    ///
+    /// # Safety
+    /// The features of `S` are enabled.
+    #[inline(always)]
+    pub(super) unsafe fn draw<S: Lanes>(&self, [x, y, z]: [S; 3]) -> [S; 3] {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let mut out = [x, y, z];
+            for (out, [a, b, c]) in out.iter_mut().zip(&self.matrix) {
+                let (a, b, c) = (S::load(a), S::load(b), S::load(c));
+                *out = a.mul(x).add(b.mul(y)).add(c.mul(z));
+            }
+            out
+        }
+    }
+
+    /// Receivers on the lit side of the plane through an edge and the light's centre, as the layers of
+    /// volumes are counted.
+    #[inline(always)]
+    pub(super) fn lit(&self, edge: &AreaEdge) -> u16 {
+        let [x, y, z] = &self.exact;
+        let n = &edge.normal;
+        let mut lit = 0;
+        for i in 0..LANES {
+            let value = n[0] * x[i] + n[1] * y[i] + n[2] * z[i] - edge.offset;
+            lit |= u16::from(value >= 0.0) << i;
+        }
+        lit
+    }
+}
+
+/// A light's own coordinates, in which it is the unit disk or the square [-1, 1]².
+#[derive(Debug, Clone, Copy)]
+pub enum LightFrame {
+    /// A sphere: a disk towards each receiver.
+    Sphere {
+        /// Centre.
+        center: DVec3,
+        /// Radius.
+        radius: f64,
+    },
+    /// A disk or a rectangle, by the dual basis of its half-axes.
+    Flat {
+        /// Centre.
+        center: DVec3,
+        /// From a point to its first coordinate.
+        u: DVec3,
+        /// To its second.
+        v: DVec3,
+        /// To its distance from the light's plane.
+        n: DVec3,
+        /// Whether it is a rectangle.
+        square: bool,
+    },
+}
+
+impl LightFrame {
+    /// Of a light with a width.
+    pub fn new(light: &Light) -> Self {
+        match light.shape {
+            Shape::Sphere { center, radius } => LightFrame::Sphere { center, radius },
+            Shape::Disk {
+                center,
+                normal,
+                radius,
+            } => {
+                let e = normal.any_orthonormal_vector();
+                LightFrame::Flat {
+                    center,
+                    u: e / radius,
+                    v: normal.cross(e) / radius,
+                    n: normal,
+                    square: false,
+                }
+            }
+            Shape::Rect { center, u, v } => {
+                let n = u.cross(v);
+                let area = n.length_squared();
+                LightFrame::Flat {
+                    center,
+                    u: 2.0 * v.cross(n) / area,
+                    v: 2.0 * n.cross(u) / area,
+                    n: n / area.sqrt(),
+                    square: true,
+                }
+            }
+        }
+    }
+}
+
+/// Rows of the matrix from directions at `p` to homogeneous coordinates on a sphere's outline, and the last
+/// coordinate beyond which geometry is behind the light.
+#[inline(always)]
+fn towards_sphere(center: DVec3, radius: f64, p: DVec3) -> ([DVec3; 3], f64) {
+    let d = center - p;
+    let distance = d.length();
+    let axis = d / distance;
+    let e = axis.any_orthonormal_vector();
+    // Cotangent of the half-angle of the cone in which the light is seen; inside it, anything.
+    let cot = (distance * distance - radius * radius).max(0.0).sqrt() / radius;
+    ([e * cot, e.cross(axis) * cot, axis], distance)
+}
+
+/// Rows of the matrix from directions at `p` to homogeneous coordinates on a flat light.
+#[inline(always)]
+fn towards_flat(center: DVec3, u: DVec3, v: DVec3, n: DVec3, p: DVec3) -> [DVec3; 3] {
+    let d = p - center;
+    // The ray p + t w meets the light's plane at t = -(d·n) / (w·n).
+    let (x, y, z) = (u.dot(d), v.dot(d), n.dot(d));
+    [z * u - x * n, z * v - y * n, -n]
+}
+
+/// Fills all but the exact positions of a block from these.
+#[inline(always)]
+unsafe fn set_lanes<S: Lanes>(block: &mut Block, frame: &LightFrame) {
+    let [x, y, z] = block.exact;
+    let p = |lane: usize| DVec3::new(x[lane], y[lane], z[lane]);
+    for lane in 0..LANES {
+        Split::new([x[lane], y[lane], z[lane]]).store(lane, &mut block.position);
+    }
+    let put = |matrix: &mut [[Row; 3]; 3], lane: usize, rows: [DVec3; 3]| {
+        for axis in 0..3 {
+            for row in 0..3 {
+                matrix[row][axis].0[lane] = rows[row][axis] as f32;
+            }
+        }
+    };
+    match *frame {
+        LightFrame::Sphere { center, radius } => {
+            for lane in 0..LANES {
+                let (rows, far) = towards_sphere(center, radius, p(lane));
+                put(&mut block.matrix, lane, rows);
+                block.far.0[lane] = far as f32;
+            }
+        }
+        LightFrame::Flat {
+            center, u, v, n, ..
+        } => {
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe { S::splat(f32::INFINITY).store(&mut block.far) };
+            for lane in 0..LANES {
+                put(
+                    &mut block.matrix,
+                    lane,
+                    towards_flat(center, u, v, n, p(lane)),
+                );
+            }
+        }
+    }
+}
