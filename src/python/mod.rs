@@ -13,6 +13,9 @@
 //! - [`ssoc`]: those of the soft shadow occlusion camera;
 //! - [`wedges`]: those of penumbra wedges.
 
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 mod accumulation;
 mod arrays;
 mod filtered;
