@@ -14,6 +14,9 @@ from softshadow.scenes import Setup
 
 RESULTS = Path(__file__).parent / "results"
 
+FRAMES = 2
+"""Frames that are counted of a turn."""
+
 
 def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
     """Print rows as they come and write them to ``results/<name>.csv``."""
@@ -48,14 +51,16 @@ def dynamic_frame(setup: Setup, method: ss.Method, stages: Sequence[str]) -> dic
 def in_turn(
     cases: Sequence[tuple[dict[str, Any], Callable[[], dict[str, float]]]], repeats: int
 ) -> Iterable[dict[str, Any]]:
-    """Time cases in turn, round after round, and yield the medians of their stages."""
+    """Time cases in turn, round after round, and yield the medians of their stages.
+
+    A turn renders a few frames one after the other, as an animation would; the first, which finds the
+    caches full of another case and may build adjacency, is not counted.
+    """
     frames: list[list[dict[str, float]]] = [[] for _ in cases]
-    for round_ in range(repeats + 1):
+    for _ in range(repeats):
         for case, (_, frame) in zip(frames, cases, strict=True):
-            found = frame()
-            # The first round builds adjacency and warms up.
-            if round_:
-                case.append(found)
+            frame()
+            case.extend(frame() for _ in range(FRAMES))
     for (labels, _), case in zip(cases, frames, strict=True):
         medians = {name: statistics.median(f[name] for f in case) for name in case[0]}
         yield labels | medians | {"fps": 1e3 / medians["total"]}
