@@ -10,12 +10,14 @@ the light and the map; benches/README.md says how to read it.
 from __future__ import annotations
 
 import argparse
+import math
 import statistics
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import softshadow as ss
-from map_rivals import RADII, measured, scenes
+from map_rivals import RADII, measured, parsed, scene, scenes
+from mitsuba_speed import Worker, available_sides
 from softshadow.scenes import Setup
 from tables import table
 
@@ -40,24 +42,45 @@ def methods(setup: Setup, samples: int) -> dict[str, ss.Method]:
     }
 
 
-def taking_turns(setup: Setup, chosen: dict[str, ss.Method], repeats: int) -> Rows:
-    """Yield the medians of preparing and shading."""
+def taking_turns(
+    setup: Setup, chosen: dict[str, ss.Method], repeats: int, peers: Sequence[Peer] = ()
+) -> Rows:
+    """Yield the medians of preparing, shading and whole frames."""
     times: dict[str, list[dict[str, float]]] = {label: [] for label in chosen}
+    times |= {peer.label: [] for peer in peers}
     for _ in range(repeats):
         for label, method in chosen.items():
             image = ss.render(setup.scene, setup.camera, setup.light, method)
             times[label].append(image.seconds)
+        for peer in peers:
+            times[peer.label].append(peer.seconds())
     for label, found in times.items():
-        yield {
-            "method": label,
-            "prepare": statistics.median(s["prepare"] for s in found),
-            "shade": statistics.median(s["shade"] for s in found),
-        }
+        stages = ("prepare", "shade", "frame")
+        yield {"method": label} | {s: statistics.median(f[s] for f in found) for s in stages}
+
+
+class Peer:
+    """Mitsuba, in a process of its own, on one of the scenes."""
+
+    def __init__(self, side: str, scene: str, options: argparse.Namespace) -> None:
+        self.label = side
+        self.worker = Worker(side, scene, options.size, options.quick)
+        self.samples = self.worker.warm_up(options.samples)
+        # What is missing is scaled up.
+        self.scale = options.samples / self.samples
+        if self.scale > 1:
+            print(f"({side} on the {scene}: scaled from {self.samples} samples)", flush=True)
+
+    def seconds(self) -> dict[str, float]:
+        """Render a frame; its stages are one."""
+        found = self.worker.frame(self.samples)
+        frame = found["seconds"] * self.scale
+        return {"prepare": found["load"], "shade": math.nan, "frame": frame}
 
 
 def table1(options: argparse.Namespace) -> Rows:
     """Table 1: the difference from the reference with the same light points."""
-    for name, setup in scenes(options.size, options.quick).items():
+    for name, setup in scenes(options):
         for row in measured(setup, methods(setup, options.samples), options.samples):
             yield {"scene": name} | row
 
@@ -65,25 +88,39 @@ def table1(options: argparse.Namespace) -> Rows:
 def figure4(options: argparse.Namespace) -> Rows:
     """Figure 4: error against the light's radius, on the statue."""
     for radius in RADII:
-        setup = scenes(options.size, options.quick, light_size=2 * radius)["statue"]
+        setup = scene("statue", options.size, options.quick, light_size=2 * radius)
         for row in measured(setup, methods(setup, options.samples), options.samples):
             yield {"radius": radius} | row
 
 
 def table2(options: argparse.Namespace) -> Rows:
-    """Table 2: seconds, and how many times faster than every ray (`cull=False`)."""
-    for name, setup in scenes(options.size, options.quick).items():
+    """Table 2: seconds, and how many times faster than every ray (`cull=False`) and Mitsuba."""
+    # Its fastest variant that there is.
+    sides = [side for side in available_sides() if side.startswith("mitsuba")][-1:]
+    for name, setup in scenes(options):
         chosen = methods(setup, options.samples)
         chosen["ray_traced"] = ss.RayTraced(options.samples)
         chosen["ray_traced, cull=False"] = ss.RayTraced(options.samples, cull=False)
-        rows = list(taking_turns(setup, chosen, options.repeats))
+        peers = [Peer(side, name, options) for side in sides]
+        rows = list(taking_turns(setup, chosen, options.repeats, peers))
+        for peer in peers:
+            peer.worker.close()
+        every = next(row for row in rows if row["method"] == "ray_traced, cull=False")
+        mitsuba = rows[-1]["frame"] if peers else math.nan
         for row in rows:
-            yield {"scene": name} | row | {"faster": rows[-1]["shade"] / row["shade"]}
+            yield (
+                {"scene": name}
+                | row
+                | {
+                    "every ray's shade / shade": every["shade"] / row["shade"],
+                    "Mitsuba's frame / frame": mitsuba / row["frame"],
+                }
+            )
 
 
 def table3(options: argparse.Namespace) -> Rows:
     """Table 3: seconds to build maps of one layer, and of several."""
-    for name, setup in scenes(options.size, options.quick).items():
+    for name, setup in scenes(options):
         chosen = {f"{k} layers": ss.Mtsm(1024, k, samples=16) for k in (1, 2, 5, 8)}
         rows = list(taking_turns(setup, dict(chosen), options.repeats))
         for row in rows:
@@ -98,14 +135,14 @@ def table3(options: argparse.Namespace) -> Rows:
 def light(options: argparse.Namespace) -> Rows:
     """Seconds of shading against the light's radius, on the statue."""
     for radius in RADII:
-        setup = scenes(options.size, options.quick, light_size=2 * radius)["statue"]
+        setup = scene("statue", options.size, options.quick, light_size=2 * radius)
         for row in taking_turns(setup, {"mtsm": ss.Mtsm()}, options.repeats):
             yield {"radius": radius} | row
 
 
 def resolution(options: argparse.Namespace) -> Rows:
     """Seconds of shading against the map's resolution."""
-    for name, setup in scenes(options.size, options.quick).items():
+    for name, setup in scenes(options):
         chosen: dict[str, ss.Method] = {str(r): ss.Mtsm(r) for r in (512, 1024, 2048)}
         for row in taking_turns(setup, chosen, options.repeats):
             yield {"scene": name, "resolution": row["method"]} | row | {"method": "mtsm"}
@@ -113,15 +150,7 @@ def resolution(options: argparse.Namespace) -> Rows:
 
 def main() -> None:
     """Run the parts that were asked for."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--size", type=int, default=512)
-    parser.add_argument("--samples", type=int, default=256)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--quick", action="store_true", help="a smoke run at 128²")
-    options = parser.parse_args()
-    if options.quick:
-        options.size, options.samples, options.repeats = 128, 64, 1
+    options = parsed(__doc__, PARTS)
     for part in options.parts:
         table(f"layered_{part}", globals()[part](options))
 
