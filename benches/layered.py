@@ -1,29 +1,36 @@
 """Error, time and construction of ray-traced layered shadow maps, beside their rivals.
 
     python benches/layered.py [--size 512] [--samples 256] [--repeats 3] [--quick]
-                              [--parts table1 figure4 table2 table3 light resolution]
+                              [--parts table1 figure4 table2 table3 light resolution quality]
+                              [--scenes statue tree ...]
 
-Tables 1 to 3 and Figure 4 of Xie, Tabellion and Pearce 2007, and how the time of a query grows with
-the light and the map; benches/README.md says how to read it.
+Tables 1 to 3 and Figure 4 of Xie, Tabellion and Pearce 2007, how the time of a query grows with the
+light and the map, and what their Section 6 is about; benches/README.md says how to read it.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
 import statistics
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import softshadow as ss
 from map_rivals import RADII, measured, parsed, scene, scenes
 from mitsuba_speed import Worker, available_sides
 from softshadow.scenes import Setup
 from tables import table
 
-PARTS = ("table1", "figure4", "table2", "table3", "light", "resolution")
+PARTS = ("table1", "figure4", "table2", "table3", "light", "resolution", "quality")
 
 Rows = Iterable[dict[str, Any]]
+
+CONVERGED = 4096
+"""Samples of a reference whose own noise no longer counts: (4096)^(-3/4) is 0.002 at worst."""
 
 
 def methods(setup: Setup, samples: int) -> dict[str, ss.Method]:
@@ -79,9 +86,12 @@ class Peer:
 
 
 def table1(options: argparse.Namespace) -> Rows:
-    """Table 1: the difference from the reference with the same light points."""
+    """Table 1: the difference from the reference, with the same light points and converged."""
+    # What the samples alone are off by.
+    same: dict[str, ss.Method] = {"ray_traced": ss.RayTraced(options.samples, pattern="fixed")}
     for name, setup in scenes(options):
-        for row in measured(setup, methods(setup, options.samples), options.samples):
+        chosen = same | methods(setup, options.samples)
+        for row in measured(setup, chosen, options.samples, CONVERGED):
             yield {"scene": name} | row
 
 
@@ -146,6 +156,72 @@ def resolution(options: argparse.Namespace) -> Rows:
         chosen: dict[str, ss.Method] = {str(r): ss.Mtsm(r) for r in (512, 1024, 2048)}
         for row in taking_turns(setup, chosen, options.repeats):
             yield {"scene": name, "resolution": row["method"]} | row | {"method": "mtsm"}
+
+
+def quality(options: argparse.Namespace) -> Rows:
+    """Section 6: where maps go wrong, and what each parameter does about it."""
+    size = {"width": options.size, "height": options.size}
+    for name, (setup, where, cases) in {
+        "oblique board": (
+            ss.scenes.oblique_board(**size),
+            lambda image: image.mesh_id == 0,
+            [("z_threshold", z, {}) for z in (None, 0.005, 0.02, 0.08)]
+            + [("z_threshold, depths only", z, {}) for z in (0.0, 0.005, 0.02, 0.08)],
+        ),
+        "contact": (
+            ss.scenes.standing_cylinder(**size),
+            # Up to 0.05 from where it stands.
+            lambda image: (
+                (image.mesh_id == 0) & (np.linalg.norm(image.position[..., :2], axis=-1) < 0.3)
+            ),
+            [("resolution", r, {}) for r in (256, 1024, 4096)]
+            + [("detail", d, {}) for d in (64.0, 1000.0)]
+            + [("bias", b, {}) for b in (0.01, 0.05)],
+        ),
+        "self-shadowing": (
+            ss.scenes.ball(**size),
+            lambda image: image.mesh_id == 1,
+            [("resolution", r, {}) for r in (256, 1024, 4096)]
+            + [("detail", d, {"resolution": 4096}) for d in (64.0, 1000.0)]
+            + [("z_threshold", z, {}) for z in (0.01, 0.05)]
+            + [("bias", b, {"z_threshold": 0.05}) for b in (0.01, 0.05)],
+        ),
+        "missing layer": (
+            ss.scenes.stacked_boards(**size),
+            lambda image: image.mesh_id == 0,
+            [("layers", k, {}) for k in (1, 2, 3, 4, 5)],
+        ),
+    }.items():
+        view = (setup.scene, setup.camera, setup.light)
+        exact = ss.render(*view, ss.RayTraced(options.samples, pattern="fixed"))
+        looked_at = exact.mask & where(exact)
+        for parameter, value, others in cases:
+            given = {"resolution": 1024, "layers": 5, parameter.split(",")[0]: value} | others
+            method = ss.Mtsm(samples=options.samples, **given)
+            if "depths only" in parameter:
+                seen = depths_only(setup, exact, method)
+            else:
+                seen = ss.render(*view, method).visibility
+            error = (seen.astype(np.float64) - exact.visibility)[looked_at]
+            yield {
+                "scene": name,
+                "parameter": parameter,
+                "value": value,
+                "beside": ", ".join(f"{k}={v}" for k, v in others.items()),
+                "mean": float(np.abs(error).mean()),
+                "bias": float(error.mean()),
+                "largest": float(np.abs(error).max()),
+            }
+
+
+def depths_only(setup: Setup, image: ss.Image, method: ss.Mtsm) -> npt.NDArray[np.float32]:
+    """Return the visibility from maps without slopes, as the paper has them."""
+    maps = ss.kernels.layered_maps(setup.scene, setup.light, method)
+    flat = [dataclasses.replace(m, slopes=None) for m in maps]
+    points, normals = image.position[image.mask], image.normal[image.mask]
+    seen = np.ones_like(image.visibility)
+    seen[image.mask] = ss.kernels.trace_layered_maps(flat, setup.light, points, normals, method)
+    return seen
 
 
 def main() -> None:

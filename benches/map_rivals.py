@@ -64,22 +64,32 @@ def methods(setup: Setup, samples: int) -> dict[str, ss.Method]:
     }
 
 
-def measured(setup: Setup, chosen: dict[str, ss.Method], samples: int) -> Iterable[dict[str, Any]]:
-    """Yield errors against the reference with the light points that `mvsm` uses."""
-    exact = ss.render(
-        setup.scene, setup.camera, setup.light, ss.RayTraced(samples, pattern="fixed")
-    )
+def measured(
+    setup: Setup, chosen: dict[str, ss.Method], samples: int, converged: int = 0
+) -> Iterable[dict[str, Any]]:
+    """Yield errors against the reference with the light points that `mvsm` uses.
+
+    With `converged`, also against that many samples, other ones at each receiver.
+    """
+    view = (setup.scene, setup.camera, setup.light)
+    exact = ss.render(*view, ss.RayTraced(samples, pattern="fixed"))
+    truth = ss.render(*view, ss.RayTraced(converged)) if converged else None
     partly = exact.mask & (exact.visibility > 0.002) & (exact.visibility < 0.998)
     for label, method in chosen.items():
-        image = ss.render(setup.scene, setup.camera, setup.light, method)
+        image = ss.render(*view, method)
         error = np.abs(image.visibility.astype(np.float64) - exact.visibility)
-        yield {
+        row = {
             "method": label,
             "penumbra": float(partly.sum() / exact.mask.sum()),
             "mean": float(error[exact.mask].mean()),
             "deviation": float(error[exact.mask].std()),
             "mean in penumbra": float(error[partly].mean()),
         }
+        if truth is not None:
+            error = np.abs(image.visibility.astype(np.float64) - truth.visibility)
+            row[f"mean, {converged} samples"] = float(error[exact.mask].mean())
+            row["in penumbra"] = float(error[partly].mean())
+        yield row
 
 
 def errors(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
