@@ -2,7 +2,7 @@
 
     python benches/layered.py [--size 512] [--samples 256] [--repeats 3] [--quick]
                               [--parts table1 figure4 table2 table3 light resolution quality]
-                              [--scenes statue tree ...]
+                              [--scenes statue tree ...] [--methods mtsm pcf ...]
 
 Tables 1 to 3 and Figure 4 of Xie, Tabellion and Pearce 2007, how the time of a query grows with the
 light and the map, and what their Section 6 is about; benches/README.md says how to read it.
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import softshadow as ss
-from map_rivals import RADII, measured, parsed, scene, scenes
+from map_rivals import RADII, measured, parsed, scene, scenes, wanted
 from mitsuba_speed import Worker, available_sides
 from softshadow.scenes import Setup
 from tables import table
@@ -90,7 +90,7 @@ def table1(options: argparse.Namespace) -> Rows:
     # What the samples alone are off by.
     same: dict[str, ss.Method] = {"ray_traced": ss.RayTraced(options.samples, pattern="fixed")}
     for name, setup in scenes(options):
-        chosen = same | methods(setup, options.samples)
+        chosen = same | wanted(methods(setup, options.samples), options)
         for row in measured(setup, chosen, options.samples, CONVERGED):
             yield {"scene": name} | row
 
@@ -99,7 +99,9 @@ def figure4(options: argparse.Namespace) -> Rows:
     """Figure 4: error against the light's radius, on the statue."""
     for radius in RADII:
         setup = scene("statue", options.size, options.quick, light_size=2 * radius)
-        for row in measured(setup, methods(setup, options.samples), options.samples):
+        for row in measured(
+            setup, wanted(methods(setup, options.samples), options), options.samples
+        ):
             yield {"radius": radius} | row
 
 
@@ -108,7 +110,7 @@ def table2(options: argparse.Namespace) -> Rows:
     # Its fastest variant that there is.
     sides = [side for side in available_sides() if side.startswith("mitsuba")][-1:]
     for name, setup in scenes(options):
-        chosen = methods(setup, options.samples)
+        chosen = wanted(methods(setup, options.samples), options)
         chosen["ray_traced"] = ss.RayTraced(options.samples)
         chosen["ray_traced, cull=False"] = ss.RayTraced(options.samples, cull=False)
         peers = [Peer(side, name, options) for side in sides]

@@ -64,6 +64,11 @@ def methods(setup: Setup, samples: int) -> dict[str, ss.Method]:
     }
 
 
+def wanted(chosen: dict[str, ss.Method], options: argparse.Namespace) -> dict[str, ss.Method]:
+    """Return the methods that were asked for."""
+    return {k: m for k, m in chosen.items() if options.methods is None or k in options.methods}
+
+
 def measured(
     setup: Setup, chosen: dict[str, ss.Method], samples: int, converged: int = 0
 ) -> Iterable[dict[str, Any]]:
@@ -95,7 +100,9 @@ def measured(
 def errors(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
     """Table 1: mean and standard deviation of the difference from the reference."""
     for name, setup in scenes(options):
-        for row in measured(setup, methods(setup, options.samples), options.samples):
+        for row in measured(
+            setup, wanted(methods(setup, options.samples), options), options.samples
+        ):
             yield {"scene": name} | row
 
 
@@ -103,14 +110,16 @@ def growth(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
     """Figure 4: error against the light's radius, on the statue."""
     for radius in RADII:
         setup = scene("statue", options.size, options.quick, light_size=2 * radius)
-        for row in measured(setup, methods(setup, options.samples), options.samples):
+        for row in measured(
+            setup, wanted(methods(setup, options.samples), options), options.samples
+        ):
             yield {"radius": radius} | row
 
 
 def times(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
     """Table 2: seconds of shading, and of preparing; the cases of a scene take turns."""
     for name, setup in scenes(options):
-        chosen = methods(setup, options.samples)
+        chosen = wanted(methods(setup, options.samples), options)
         chosen["ray_traced"] = ss.RayTraced(options.samples)
         chosen["ray_traced, cull=False"] = ss.RayTraced(options.samples, cull=False)
         shade: dict[str, list[float]] = {label: [] for label in chosen}
@@ -137,6 +146,7 @@ def parsed(description: str | None, parts: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--parts", nargs="+", choices=parts, default=parts)
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
+    parser.add_argument("--methods", nargs="+", help="labels of the rows to compare; all of them")
     parser.add_argument("--quick", action="store_true", help="a smoke run at 128²")
     options = parser.parse_args()
     if options.quick:
