@@ -203,6 +203,32 @@ def test_random_texels_against_every_segment(opaque):
     assert np.abs(error).mean() < 2 / 256
 
 
+@pytest.mark.parametrize("kind", ["rect", "disk", "sphere"])
+@pytest.mark.parametrize("opaque", [True, False])
+def test_any_map_that_is_allowed_gives_visibilities(kind, opaque):
+    """Depths and slopes of all sizes, gaps, and surfaces before, in and behind the light."""
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        shape = (SIDE, SIDE, 4)
+        wide = 10.0 ** rng.uniform(-12, 12, shape) if seed % 2 else rng.uniform(0.2, 6, shape)
+        depths = np.sort(np.where(rng.uniform(size=shape) < 0.7, wide, INF), axis=-1)
+        slopes = rng.normal(size=(*shape, 2)) * 10.0 ** rng.uniform(-8, 8, (*shape, 2))
+        arrays = {"slopes": np.where(np.isfinite(depths)[..., None], slopes, 0)}
+        if not opaque:
+            seen = np.cumprod(rng.uniform(size=shape) ** 0.2, axis=-1, dtype=np.float32)
+            counts = 2 ** rng.integers(0, 31, shape)
+            arrays |= {"visibility": seen, "counts": np.where(np.isfinite(depths), counts, 0)}
+        layers = ss.kernels.LayeredMap(_looking_down(), depths, **arrays)
+        light = ss.scenes.light_towards(kind, (0, 0, 4), 0.5, (0.1, 0.2, 0.3))
+        points = np.concatenate([rng.normal(size=(300, 3)) * 3, [layers.camera.eye, light.center]])
+        for normals in (None, rng.normal(size=points.shape)):
+            method = ss.Mtsm(samples=48, threshold=0.0, z_threshold=0.1 if seed > 3 else None)
+            found = trace([layers], light, points, normals, method)
+            assert np.isfinite(found).all()
+            assert found.min() >= 0
+            assert found.max() <= 1
+
+
 # ---------------------------------------------------------------- bad input
 
 
@@ -245,7 +271,8 @@ def _one(value, at=1):
         (ValueError, "transmittance must be 0 to 1", _with(transmittance=_full(2.0, 0.5))),
         (ValueError, "first_depths must be from", _with(first_depths=_full(3.0, 2.0))),
         (ValueError, "first_depths must be from", _with(first_depths=_full(3.5, 4.0))),
-        (ValueError, "slopes must be finite", _with(slopes=np.full((SIDE, SIDE, 2, 2), INF))),
+        (ValueError, "slopes must be", _with(slopes=np.full((SIDE, SIDE, 2, 2), INF))),
+        (ValueError, "slopes must be", _with(slopes=np.full((SIDE, SIDE, 2, 2), 3e38))),
         (ValueError, "slopes: expected shape", _with(slopes=np.zeros((SIDE, SIDE, 2)))),
         (
             ValueError,

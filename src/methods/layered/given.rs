@@ -23,6 +23,10 @@ pub const MOST_LAYERS: usize = 64;
 /// length, and a texel in 10⁹ is less than a bin of any map.
 const ONE_FOCAL: f64 = 1e-9;
 
+/// Largest slope, local: coarser levels double it up to fourteen times, and tracing multiplies it by what lies
+/// across a map, all in `f32`.
+const STEEPEST: f32 = 1e24;
+
 /// How surfaces let light through, layer by layer as the depths.
 #[derive(Debug, Clone, Default)]
 pub struct Clear {
@@ -185,8 +189,12 @@ impl Given {
         let slope = self.slopes.as_ref().map_or([0.0; 2], |s| {
             [s[2 * i], s[2 * i + 1]].map(|s| (s * frame.unit) as f32)
         });
-        if !slope.iter().all(|s| s.is_finite()) {
-            return Err("slopes must be finite".into());
+        // Not so for NaN.
+        if !slope.iter().all(|s| s.abs() <= STEEPEST) {
+            let (steepest, unit) = (STEEPEST, frame.unit);
+            return Err(format!(
+                "slopes must be finite and at most {steepest:e} over {unit:e}, got {slope:?}"
+            ));
         }
         Ok(Piece::new(inverse(depth, frame)?, slope))
     }
@@ -257,7 +265,7 @@ fn inverse(depth: f64, frame: &Frame) -> std::result::Result<f32, String> {
     } else {
         let unit = frame.unit;
         Err(format!(
-            "depths must be positive and within single precision of {unit}, got {depth}"
+            "depths must be positive and within single precision of {unit:e}, got {depth:e}"
         ))
     }
 }
