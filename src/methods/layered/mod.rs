@@ -288,6 +288,7 @@ impl FlatTargets {
 const ALONG: f64 = f32::EPSILON as f64;
 
 struct LightMaps {
+    light: Light,
     sampler: Sampler,
     groups: Vec<Vec<LayerMap>>,
     /// Of every group, if it has them.
@@ -342,6 +343,7 @@ impl LightMaps {
     fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>) -> Self {
         let flat = groups.iter().map(|maps| FlatTargets::new(&sampler, maps));
         LightMaps {
+            light: *sampler.light(),
             flat: flat.collect(),
             transparent: groups.iter().flatten().any(LayerMap::is_transparent),
             sampler,
@@ -351,20 +353,19 @@ impl LightMaps {
 
     /// Fraction of the light that a receiver sees.
     fn visibility(&self, p: DVec3, n: DVec3, tracing: &Tracing, s: &mut Scratch) -> f32 {
-        let light = self.sampler.light();
-        let h = light.fraction_above(p, n);
+        let h = self.light.fraction_above(p, n);
         if h == 0.0 {
             return 0.0;
         }
         let count = self.sampler.len();
-        let own = h < 1.0 || self.flat.iter().any(Option::is_none);
-        if own {
+        let flat = self.flat.iter().all(Option::is_some);
+        if h < 1.0 || !flat {
             self.sampler.fill(0, p, n, &mut s.samples);
         }
         let mut sum = 0.0;
         for (b, start) in (0..count).step_by(BLOCK).enumerate() {
             let within = (count - start).min(BLOCK);
-            let valid = if own {
+            let valid = if h < 1.0 || !flat {
                 let rows = s.samples.valid[start / 16..].iter().copied();
                 let rows: Vec<u16> = rows.take(BLOCK / 16).collect();
                 Mask::from_rows(&rows) & Mask::first(within)
@@ -377,7 +378,7 @@ impl LightMaps {
             let mut seen = Seen::new(valid);
             for (g, maps) in self.groups.iter().enumerate() {
                 let cameras = maps.iter().map(|m| &m.view.camera);
-                let map = &maps[most_central(cameras, light.center(), p)];
+                let map = &maps[most_central(cameras, self.light.center(), p)];
                 match &self.flat[g] {
                     Some(targets) => self.trace_flat(map, targets, b, p, n, tracing, &mut seen, s),
                     None => self.trace_each(map, start, within, p, n, tracing, &mut seen, s),
