@@ -65,9 +65,12 @@ def peak_megabytes() -> float:
     return peak / (1024 * 1024 if sys.platform == "darwin" else 1024)
 
 
-def load_setup(name: str, size: int) -> Any:
+def load_setup(name: str, size: int, quick: bool) -> Any:
+    from map_rivals import SCENES, scene
     from softshadow import scenes
 
+    if name in SCENES:
+        return scene(name, size, quick)
     if name == "bunny":
         return scenes.bunny_on_plane(size, size)
     if name == "solids":
@@ -114,22 +117,29 @@ def mitsuba_frames(setup: Any, side: str) -> Callable[[int], dict[str, Any]]:
     variant = side.split()[1]
     mi.set_variant(variant)
     mi.set_log_level(mi.LogLevel.Error)
-    per_ray = LIGHT_SAMPLES_PER_RAY[side]
+    # `volpath`, which knows transparent shadows, takes one light sample per camera ray.
+    direct = all(entry.opacity == 1 for entry in setup.scene.entries)
+    per_ray = LIGHT_SAMPLES_PER_RAY[side] if direct else 1
     scenes: dict[int, Any] = {}
+    load: dict[int, float] = {}
 
     def frame(samples: int) -> dict[str, Any]:
         group = min(per_ray, samples)
         if group not in scenes:
             description = bridge.scene_dict(setup.scene, setup.camera, setup.light)
-            description["integrator"]["emitter_samples"] = group
+            if direct:
+                description["integrator"]["emitter_samples"] = group
             mono = "mono" in variant
             description["sensor"]["film"]["pixel_format"] = "luminance" if mono else "rgb"
+            start = time.perf_counter()
             scenes[group] = mi.load_dict(description)
+            load[group] = time.perf_counter() - start
         rays = max(1, samples // group)
         start = time.perf_counter()
         pixels = np.array(mi.render(scenes[group], spp=rays))
         seconds = time.perf_counter() - start
-        return {"seconds": seconds, "samples": rays * group, "mean": float(pixels.mean())}
+        found = {"seconds": seconds, "samples": rays * group, "mean": float(pixels.mean())}
+        return found | {"load": load[group]}
 
     return frame
 
@@ -165,7 +175,7 @@ def build_million() -> dict[str, Any]:
     }
 
 
-def work(side: str, scene: str, size: int) -> None:
+def work(side: str, scene: str, size: int, quick: bool) -> None:
     # Whatever a library prints to stdout must not end up between the answers.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -176,7 +186,7 @@ def work(side: str, scene: str, size: int) -> None:
     if side == "build":
         answer(build_million())
         return
-    setup = load_setup(scene, size)
+    setup = load_setup(scene, size, quick)
     before = peak_megabytes()
     hello: dict[str, Any] = {"triangles": setup.scene.triangle_count}
     if side.startswith("mitsuba"):
@@ -197,14 +207,14 @@ def work(side: str, scene: str, size: int) -> None:
 class Worker:
     """A process that renders frames of one scene, one side, on request."""
 
-    def __init__(self, side: str, scene: str, size: int) -> None:
+    def __init__(self, side: str, scene: str, size: int, quick: bool = False) -> None:
         self.side = side
         environment = dict(os.environ)
         llvm = find_llvm()
         if llvm:
             environment["DRJIT_LIBLLVM_PATH"] = llvm
         self.process = subprocess.Popen(
-            [sys.executable, __file__, "--worker", side, scene, str(size)],
+            [sys.executable, __file__, "--worker", side, scene, str(size), str(int(quick))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -226,6 +236,16 @@ class Worker:
         self.process.stdin.write(f"{samples}\n")
         self.process.stdin.flush()
         return self._read()
+
+    def warm_up(self, samples: int) -> int:
+        """Return how many samples to ask of a frame: fewer where one would take too long."""
+        # The first touch of memory and, for LLVM, the kernel; then a frame to predict from.
+        self.frame(PROBE)
+        estimate = self.frame(PROBE)["seconds"] * samples / PROBE
+        if self.side.startswith("mitsuba") and estimate > LONGEST_FRAME:
+            samples = max(PROBE, int(samples * LONGEST_FRAME / estimate) // PROBE * PROBE)
+        self.frame(samples)
+        return samples
 
     def close(self) -> None:
         """End the process."""
@@ -251,15 +271,7 @@ def time_scene(scene: str, arguments: argparse.Namespace) -> list[dict[str, Any]
     print(f"{scene}, {triangles} triangles; prepare, ms: {stages(workers[0].hello['prepare'])}")
     rows = []
     for samples in arguments.samples:
-        asked = {}
-        for worker in workers:
-            # The first touch of memory and, for LLVM, the kernel; then a frame to predict from.
-            worker.frame(PROBE)
-            estimate = worker.frame(PROBE)["seconds"] * samples / PROBE
-            asked[worker.side] = samples
-            if worker.side.startswith("mitsuba") and estimate > LONGEST_FRAME:
-                asked[worker.side] = max(PROBE, int(samples * LONGEST_FRAME / estimate) // 64 * 64)
-            worker.frame(asked[worker.side])
+        asked = {worker.side: worker.warm_up(samples) for worker in workers}
         frames: dict[str, list[dict[str, Any]]] = {worker.side: [] for worker in workers}
         for _ in range(arguments.repeats):
             for worker in workers:
@@ -334,11 +346,11 @@ def main() -> None:
     parser.add_argument(
         "--quick", action="store_true", help="128², 64 samples, 3 repeats, no build"
     )
-    parser.add_argument("--worker", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--worker", nargs=4, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.worker:
-        side, scene, size = arguments.worker
-        work(side, scene, int(size))
+        side, scene, size, quick = arguments.worker
+        work(side, scene, int(size), quick == "1")
         return
     if arguments.quick:
         arguments.size, arguments.samples, arguments.repeats = 128, [64], 3

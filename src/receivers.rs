@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::{Geometry, Sphere};
+use crate::geometry::{Frame, Geometry, Sphere};
 use crate::mesh::check_finite;
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::{TILE, filled, rasterize};
@@ -80,11 +80,7 @@ impl Receivers {
     ///
     /// # Errors
     /// A coordinate that is not finite, a zero normal, or more points than 32-bit indices.
-    pub fn from_points(
-        geometry: &Geometry,
-        points: &[DVec3],
-        normals: Option<&[DVec3]>,
-    ) -> Result<Self> {
+    pub fn from_points(frame: &Frame, points: &[DVec3], normals: Option<&[DVec3]>) -> Result<Self> {
         let limit = u32::MAX as usize;
         if points.len() > limit {
             let (what, count) = ("points".to_string(), points.len());
@@ -110,10 +106,7 @@ impl Receivers {
                 return Err(Error::parameter("normals", format!("normal {i} is zero")));
             }
         }
-        let local: Vec<DVec3> = points
-            .par_iter()
-            .map(|&p| geometry.frame.to_local(p))
-            .collect();
+        let local: Vec<DVec3> = points.par_iter().map(|&p| frame.to_local(p)).collect();
         let mut order: Vec<(u64, u32)> = local
             .par_iter()
             .enumerate()

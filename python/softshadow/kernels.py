@@ -16,7 +16,14 @@ import numpy.typing as npt
 from softshadow._core import kernels as _kernels
 from softshadow.camera import Camera
 from softshadow.light import Light, Vector, as_vector
-from softshadow.light_maps import LayeredMap, OcclusionMaps, layered_maps, ssoc_maps
+from softshadow.light import as_points as _points
+from softshadow.light_maps import (
+    LayeredMap,
+    OcclusionMaps,
+    layered_maps,
+    ssoc_maps,
+    trace_layered_maps,
+)
 from softshadow.methods import SingleSample, Wedges
 from softshadow.scene import Scene, _curve_arrays
 
@@ -39,6 +46,7 @@ __all__ = [
     "silhouette_edges",
     "silhouette_loops",
     "ssoc_maps",
+    "trace_layered_maps",
     "transmittance",
     "unshadowed_irradiance",
     "wedges",
@@ -47,13 +55,6 @@ __all__ = [
 _Floats = npt.NDArray[np.float32]
 _Doubles = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
-
-
-def _points(array: npt.ArrayLike, what: str) -> _Doubles:
-    result = np.ascontiguousarray(np.asarray(array, dtype=np.float64))
-    if result.ndim != 2 or result.shape[1] != 3:
-        raise ValueError(f"{what}: expected shape (N, 3), got {result.shape}")
-    return result
 
 
 def _faces(array: npt.ArrayLike) -> npt.NDArray[np.int64]:

@@ -42,6 +42,14 @@ def as_vector(value: Vector, what: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def as_points(array: npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
+    """Return rows of three numbers, or raise ``ValueError`` naming `what`."""
+    result = np.ascontiguousarray(array, dtype=np.float64)
+    if result.ndim != 2 or result.shape[1] != 3:
+        raise ValueError(f"{what}: expected shape (N, 3), got {result.shape}")
+    return result
+
+
 @dataclass(frozen=True)
 class RectLight:
     """A parallelogram that emits towards ``edge_u × edge_v``.

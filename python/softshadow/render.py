@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from softshadow import _core
 from softshadow.camera import Camera
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, Light, RectLight, SphereLight, as_points
 from softshadow.methods import Method, MethodLike, resolve
 from softshadow.scene import Scene
 
@@ -189,9 +189,7 @@ class Prepared:
         """
         if not self.method.points:
             raise ValueError(f"method {self.method.name!r} needs a camera: use render")
-        p = np.ascontiguousarray(np.asarray(points, dtype=np.float64))
-        if p.ndim != 2 or p.shape[1] != 3:
-            raise ValueError(f"points: expected shape (N, 3), got {p.shape}")
+        p = as_points(points, "points")
         n: npt.NDArray[np.float64] | None = None
         if normals is not None:
             n = np.ascontiguousarray(np.asarray(normals, dtype=np.float64))

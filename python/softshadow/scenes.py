@@ -7,8 +7,8 @@ The models are not part of softshadow; they come with packages that ``pip instal
 - Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
 
 The figures of the papers (`softshadow.figures`, `softshadow.gallery`) are built from scratch, and
-so are a tree and a ball of fur; those and a statue (`softshadow.dense`) have the triangles that the
-methods are for.
+so are scenes in which shadow maps go wrong (`softshadow.artifacts`), a tree and a ball of fur;
+those and a statue (`softshadow.dense`) have the triangles that the methods are for.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from softshadow.artifacts import ball, oblique_board, stacked_boards, standing_cylinder
 from softshadow.camera import Camera
 from softshadow.dense import fur_ball, statue, tree
 from softshadow.figures import (
@@ -39,6 +40,7 @@ __all__ = [
     "Setup",
     "acute_triangle",
     "aircraft",
+    "ball",
     "bunny_and_sphere",
     "bunny_on_plane",
     "city",
@@ -49,7 +51,10 @@ __all__ = [
     "growing_light",
     "half_plane",
     "landscape",
+    "oblique_board",
     "overlapping_boards",
+    "stacked_boards",
+    "standing_cylinder",
     "stanford_bunny_path",
     "statue",
     "tilted_sheet",

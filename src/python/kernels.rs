@@ -27,7 +27,7 @@ pub(super) mod kernels {
     #[pymodule_export]
     use super::super::accumulation::{accumulate, convolve_shadow, receiver_transform};
     #[pymodule_export]
-    use super::super::layered::layered_maps;
+    use super::super::layered::{layered_maps, trace_layered_maps};
     #[pymodule_export]
     use super::super::single_sample::{attenuation, outer_distances};
     #[pymodule_export]

@@ -161,7 +161,8 @@ impl PyPrepared {
         let n = points.len();
         let ready = self.0.clone();
         let flat = run(py, progress.as_ref(), move |control| {
-            let receivers = Receivers::from_points(&ready.geometry, &points, normals.as_deref())?;
+            let receivers =
+                Receivers::from_points(&ready.geometry.frame, &points, normals.as_deref())?;
             control.expect(ready.lights.len() * receivers.group_count());
             let mut out = vec![0.0; n * ready.lights.len()];
             for (light, out) in out.chunks_mut(n.max(1)).enumerate() {
@@ -305,7 +306,7 @@ fn check_memory(camera: &Camera, lights: usize) -> Result<()> {
 }
 
 /// From the receivers' order to the user's.
-fn scatter(receivers: &Receivers, values: &[f32], out: &mut [f32]) {
+pub(super) fn scatter(receivers: &Receivers, values: &[f32], out: &mut [f32]) {
     for (&i, &v) in receivers.index.iter().zip(values) {
         out[i as usize] = v;
     }

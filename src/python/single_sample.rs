@@ -26,7 +26,7 @@ pub(super) fn outer_distances<'py>(
     let (scene, light) = (scene.shared(), light.0);
     let out = run(py, progress.as_ref(), move |control| {
         let geometry = scene.geometry()?;
-        let receivers = Receivers::from_points(&geometry, &points, normals.as_deref())?;
+        let receivers = Receivers::from_points(&geometry.frame, &points, normals.as_deref())?;
         control.expect(receivers.group_count());
         let ready = method.ready(geometry, &[light], control)?;
         let found = ready.distances(&receivers, 0, control)?;

@@ -172,7 +172,7 @@ fn culling_changes_no_bit_for_random_meshes_lights_and_receivers() {
         let normal = |_| random.point();
         let normals: Vec<_> = points.iter().map(normal).collect();
         let given = (round % 3 > 0).then_some(&normals[..]);
-        let at = Receivers::from_points(&geometry, &points, given).unwrap();
+        let at = Receivers::from_points(&geometry.frame, &points, given).unwrap();
         let light = random_light(&mut random);
         let n = [16, 100, 256][round % 3];
         let (differ, partly) = culling(&geometry, light, &at, n);
@@ -200,7 +200,7 @@ fn culling_changes_no_bit_where_receivers_are_as_high_as_a_sphere() {
         for normal in [DVec3::Z, DVec3::X, DVec3::ZERO] {
             let normals = vec![normal; points.len()];
             let given = (normal != DVec3::ZERO).then_some(&normals[..]);
-            let at = Receivers::from_points(&geometry, &points, given).unwrap();
+            let at = Receivers::from_points(&geometry.frame, &points, given).unwrap();
             let (differ, penumbra) = culling(&geometry, light, &at, 256);
             assert!(penumbra > 0);
             assert_eq!(differ, 0, "height {height}, normal {normal}");
@@ -234,7 +234,7 @@ fn culling_changes_no_bit_for_a_tiny_light_far_from_the_origin() {
             Light::sphere(c, 0.5 * size, [1.0; 3]).unwrap(),
         ] {
             for given in [None, Some(&normals[..])] {
-                let at = Receivers::from_points(&geometry, &points, given).unwrap();
+                let at = Receivers::from_points(&geometry.frame, &points, given).unwrap();
                 let (differ, penumbra) = culling(&geometry, light, &at, 256);
                 assert!(penumbra > 0);
                 assert_eq!(differ, 0, "{:?} at {distance}", light.shape);
@@ -258,7 +258,7 @@ fn a_triangle_just_in_front_of_a_light_is_heeded() {
         let corners = [(0.3, 0.0), (-0.3, 0.3), (-0.3, -0.3)];
         let corners = corners.map(|(x, y)| c + n * height + u * x + v * y);
         let geometry = scene(&[(&corners, &[[0, 1, 2]], OPAQUE)], 1.0);
-        let at = Receivers::from_points(&geometry, &points, None).unwrap();
+        let at = Receivers::from_points(&geometry.frame, &points, None).unwrap();
         let (differ, _) = culling(&geometry, light, &at, 256);
         assert_eq!(differ, 0, "{step}");
     }

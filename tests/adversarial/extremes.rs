@@ -41,7 +41,8 @@ fn answers_are_finite_for_lights_and_receivers_at_any_distance_within_a_million(
         ];
         let normals = points.map(|p| -p.try_normalize().unwrap_or(DVec3::X));
         for given in [None, Some(&[DVec3::Z; 4]), Some(&normals)] {
-            let at = Receivers::from_points(&geometry, &points, given.map(|n| &n[..])).unwrap();
+            let at =
+                Receivers::from_points(&geometry.frame, &points, given.map(|n| &n[..])).unwrap();
             for distance in [0.0, 1e-3, 1.0, 1e3, 1e6] {
                 for size in [0.0, 1e-30, 1e-5, 0.1, 1.0, 1e3, 1e6] {
                     for light in lights_at(distance, size) {
@@ -78,7 +79,7 @@ fn a_sun_is_as_bright_at_its_true_distance_as_nearer_by() {
         vec(0.0, 1.0, 0.0),
     ];
     let geometry = scene(&[(&corners, &[[0, 1, 2]], OPAQUE)], 1.0);
-    let at = Receivers::from_points(&geometry, &[DVec3::ZERO], Some(&[DVec3::Z])).unwrap();
+    let at = Receivers::from_points(&geometry.frame, &[DVec3::ZERO], Some(&[DVec3::Z])).unwrap();
     for distance in [1e3, 1e6, 1e9, 1e10, 1.5e11] {
         let (c, r) = (vec(0.0, 0.0, distance), 0.00465 * distance);
         for light in [
@@ -131,7 +132,7 @@ fn bad_input_is_an_error_and_not_a_panic() {
     let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
     let geometry = scene(&[(&corners, &[[0, 1, 2]], OPAQUE)], 1.0);
     let points = [DVec3::ZERO, DVec3::X];
-    assert!(Receivers::from_points(&geometry, &points, Some(&[DVec3::Z])).is_err());
+    assert!(Receivers::from_points(&geometry.frame, &points, Some(&[DVec3::Z])).is_err());
     let mut huge = Scene::default();
     let bounds = [DVec3::splat(1e308), DVec3::splat(-1e308)];
     huge.add_spheres("s", &bounds, &[1e308, 1e308], OPAQUE)

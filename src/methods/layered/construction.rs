@@ -121,7 +121,7 @@ pub fn bytes_needed(view: &LayerView, layers: usize, transparent: bool) -> usize
     view.camera.pixels().saturating_mul(texel)
 }
 
-fn check_memory(view: &LayerView, layers: usize, transparent: bool) -> Result<()> {
+pub(super) fn check_memory(view: &LayerView, layers: usize, transparent: bool) -> Result<()> {
     let bytes = bytes_needed(view, layers, transparent);
     if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
         return Ok(());

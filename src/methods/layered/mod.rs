@@ -5,6 +5,7 @@
 //! - [`views`]: where a map is drawn from, behind the light, or the faces of a cube;
 //! - [`construction`]: the rasteriser's sinks; [`compress`]: from all crossings of a transparent texel to layers;
 //! - [`choose`]: resolution and layers where none are given;
+//! - [`given`]: a map from a user's own arrays instead;
 //! - [`map`]: what is stored; [`quadtree`]: least and largest depths, coarser maps;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
 //!
@@ -18,6 +19,7 @@
 pub mod choose;
 pub mod compress;
 pub mod construction;
+pub mod given;
 pub mod map;
 pub mod masks;
 pub mod quadtree;
@@ -35,13 +37,14 @@ use super::wedges::contour::Casters;
 use super::{Method, Prepared, Shading};
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Geometry;
+use crate::geometry::{Frame, Geometry};
 use crate::light::Light;
 use crate::methods::ray_traced::MOST_SAMPLES;
 use crate::receivers::Receivers;
 use crate::sampling::{LightSamples, Pattern, Sampler};
 use compress::Compression;
 use construction::{Layers, layer_map};
+use given::Given;
 use map::LayerMap;
 use masks::{Axis, BLOCK, Mask};
 use tracing::{Pencil, Seen, Stack, Tracing, trace};
@@ -191,9 +194,51 @@ impl Layered {
         let group = |views: Vec<_>| views.into_iter().map(draw).collect();
         views.groups.into_iter().map(group).collect()
     }
+
+    /// Ready to answer for one local light through maps that a user gives, instead of a scene's.
+    ///
+    /// # Errors
+    /// Those of [`Given::map`], or [`Error::Cancelled`].
+    pub fn through(
+        &self,
+        light: Light,
+        groups: &[Vec<Given>],
+        frame: &Frame,
+        control: &Control,
+    ) -> Result<impl Prepared + use<>> {
+        let threshold = self.settings.threshold as f32;
+        let make = |given: &Given| {
+            control.check()?;
+            given.map(&light, frame, threshold)
+        };
+        let group = |maps: &Vec<Given>| maps.iter().map(make).collect();
+        let groups = groups.iter().map(group).collect::<Result<_>>()?;
+        Ok(PreparedLayered {
+            lights: vec![LightMaps::new(self.sampler(light, 0), groups)],
+            tracing: self.tracing(frame),
+            seconds: Vec::new(),
+        })
+    }
+
+    fn tracing(&self, frame: &Frame) -> Tracing {
+        let settings = &self.settings;
+        Tracing {
+            thickness: (settings.z_threshold.unwrap_or(0.0) / frame.unit) as f32,
+            bias: (settings.bias / frame.unit) as f32,
+            detail: settings.detail as f32,
+            threshold: settings.threshold as f32,
+            subtract: settings.subtract,
+        }
+    }
+
+    /// The light points of a local light, the `number`-th of a scene.
+    fn sampler(&self, light: Light, number: usize) -> Sampler {
+        let pattern = Pattern::new(self.settings.samples as usize, self.settings.seed);
+        Sampler::new(light, number as u32, pattern, true)
+    }
 }
 
-/// The samples of a flat light in one map: they are the same for all receivers.
+/// The samples of a flat light in a map that is drawn along its normal: they are the same for all receivers.
 struct FlatTargets {
     /// Columns and rows, block by block.
     axes: Vec<[Axis; 2]>,
@@ -202,7 +247,18 @@ struct FlatTargets {
 }
 
 impl FlatTargets {
-    fn new(map: &LayerMap, samples: &LightSamples) -> Self {
+    /// Of the only map of a group; nothing if its samples differ in depth.
+    fn new(sampler: &Sampler, maps: &[LayerMap]) -> Option<Self> {
+        let (light, [map]) = (sampler.light(), maps) else {
+            return None;
+        };
+        let normal = light.normal()?;
+        let axis = map.view.camera.rotation.row(2);
+        if axis.cross(normal).length() > ALONG || axis.dot(normal) < 0.0 {
+            return None;
+        }
+        let mut samples = LightSamples::default();
+        sampler.fill(0, light.center() + normal, DVec3::ZERO, &mut samples);
         let mut axes = Vec::new();
         let mut inverse_depth = 0.0f64;
         for start in (0..samples.count).step_by(BLOCK) {
@@ -220,19 +276,23 @@ impl FlatTargets {
             let largest = projected.iter().map(|p| p.z).fold(0.0, f64::max);
             inverse_depth = inverse_depth.max(largest);
         }
-        FlatTargets {
+        Some(FlatTargets {
             axes,
             inverse_depth,
-        }
+        })
     }
 }
+
+/// Sine of the angle between a flat light's normal and a map's axis up to which they are one: it puts the light's
+/// points apart in depth by as little as rounding does.
+const ALONG: f64 = f32::EPSILON as f64;
 
 struct LightMaps {
     light: Light,
     sampler: Sampler,
     groups: Vec<Vec<LayerMap>>,
-    /// For a flat light, of every group.
-    flat: Vec<FlatTargets>,
+    /// Of every group, if it has them.
+    flat: Vec<Option<FlatTargets>>,
     transparent: bool,
 }
 
@@ -253,45 +313,18 @@ impl Method for Layered {
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
-        let settings = &self.settings;
-        let unit = geometry.frame.unit;
-        let tracing = Tracing {
-            thickness: (settings.z_threshold.unwrap_or(0.0) / unit) as f32,
-            bias: (settings.bias / unit) as f32,
-            detail: settings.detail as f32,
-            threshold: settings.threshold as f32,
-            subtract: settings.subtract,
-        };
         let frame = geometry.frame;
         let casters = Casters::new(self.name(), geometry, self.takes_transparent())?;
-        let pattern = Pattern::new(settings.samples as usize, settings.seed);
         let start = Instant::now();
         let mut found = Vec::with_capacity(lights.len());
         for (number, light) in lights.iter().enumerate() {
             let light = light.to_local(&frame);
             let groups = self.maps(&casters, &light, control)?;
-            let sampler = Sampler::new(light, number as u32, pattern.clone(), true);
-            let mut flat = Vec::new();
-            if let Some(normal) = light.normal() {
-                let mut samples = LightSamples::default();
-                sampler.fill(0, light.center() + normal, DVec3::ZERO, &mut samples);
-                flat = groups
-                    .iter()
-                    .map(|maps| FlatTargets::new(&maps[0], &samples))
-                    .collect();
-            }
-            let transparent = groups.iter().flatten().any(LayerMap::is_transparent);
-            found.push(LightMaps {
-                light,
-                sampler,
-                groups,
-                flat,
-                transparent,
-            });
+            found.push(LightMaps::new(self.sampler(light, number), groups));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
-            tracing,
+            tracing: self.tracing(&frame),
             seconds: vec![("maps", start.elapsed().as_secs_f64())],
         }))
     }
@@ -307,6 +340,17 @@ struct Scratch {
 }
 
 impl LightMaps {
+    fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>) -> Self {
+        let flat = groups.iter().map(|maps| FlatTargets::new(&sampler, maps));
+        LightMaps {
+            light: *sampler.light(),
+            flat: flat.collect(),
+            transparent: groups.iter().flatten().any(LayerMap::is_transparent),
+            sampler,
+            groups,
+        }
+    }
+
     /// Fraction of the light that a receiver sees.
     fn visibility(&self, p: DVec3, n: DVec3, tracing: &Tracing, s: &mut Scratch) -> f32 {
         let h = self.light.fraction_above(p, n);
@@ -314,7 +358,7 @@ impl LightMaps {
             return 0.0;
         }
         let count = self.sampler.len();
-        let flat = !self.flat.is_empty() || self.light.normal().is_some();
+        let flat = self.flat.iter().all(Option::is_some);
         if h < 1.0 || !flat {
             self.sampler.fill(0, p, n, &mut s.samples);
         }
@@ -335,10 +379,9 @@ impl LightMaps {
             for (g, maps) in self.groups.iter().enumerate() {
                 let cameras = maps.iter().map(|m| &m.view.camera);
                 let map = &maps[most_central(cameras, self.light.center(), p)];
-                if flat {
-                    self.trace_flat(map, g, b, p, n, tracing, &mut seen, s);
-                } else {
-                    self.trace_sphere(map, start, within, p, n, tracing, &mut seen, s);
+                match &self.flat[g] {
+                    Some(targets) => self.trace_flat(map, targets, b, p, n, tracing, &mut seen, s),
+                    None => self.trace_each(map, start, within, p, n, tracing, &mut seen, s),
                 }
                 if seen.open.is_empty() && !self.transparent {
                     break;
@@ -353,7 +396,7 @@ impl LightMaps {
     fn trace_flat(
         &self,
         map: &LayerMap,
-        group: usize,
+        targets: &FlatTargets,
         block: usize,
         p: DVec3,
         n: DVec3,
@@ -361,7 +404,6 @@ impl LightMaps {
         seen: &mut Seen,
         s: &mut Scratch,
     ) {
-        let targets = &self.flat[group];
         let start = map.view.project(p);
         let ahead = targets.inverse_depth - start.z;
         if start.z <= 0.0 || ahead <= 0.0 || !start.is_finite() {
@@ -384,7 +426,7 @@ impl LightMaps {
     }
 
     #[allow(clippy::too_many_arguments, reason = "one call")]
-    fn trace_sphere(
+    fn trace_each(
         &self,
         map: &LayerMap,
         first: usize,

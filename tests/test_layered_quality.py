@@ -1,0 +1,162 @@
+"""Section 6 of Xie, Tabellion and Pearce 2007: where layered maps go wrong, and what parameters do.
+
+``benches/layered.py --parts quality`` prints the same for more values and larger pictures.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+import softshadow as ss
+from shapes import quad
+
+REFERENCE = ss.RayTraced(samples=256, pattern="fixed")
+SIZE = {"width": 128, "height": 128}
+
+
+def _seen(setup, method, image=None):
+    """Visibility of a picture; of maps without slopes if the receivers are given."""
+    if image is None:
+        return ss.render(setup.scene, setup.camera, setup.light, method).visibility
+    maps = ss.kernels.layered_maps(setup.scene, setup.light, method)
+    flat = [dataclasses.replace(m, slopes=None) for m in maps]
+    points, normals = image.position[image.mask], image.normal[image.mask]
+    seen = np.ones_like(image.visibility)
+    seen[image.mask] = ss.kernels.trace_layered_maps(flat, setup.light, points, normals, method)
+    return seen
+
+
+def _errors(setup, exact, where, method, depths_only=False):
+    """Mean absolute error, bias and largest error over some receivers."""
+    seen = _seen(setup, method, exact if depths_only else None)
+    error = (seen.astype(np.float64) - exact.visibility)[exact.mask & where]
+    return np.abs(error).mean(), error.mean(), np.abs(error).max()
+
+
+def _traced(setup):
+    return ss.render(setup.scene, setup.camera, setup.light, REFERENCE)
+
+
+@pytest.mark.parametrize("light", ["rect", "disk", "sphere"])
+@pytest.mark.parametrize("name", ["ball", "oblique_board", "stacked_boards", "standing_cylinder"])
+def test_the_scenes_have_penumbrae(name, light):
+    setup = getattr(ss.scenes, name)(64, 64, light)
+    image = ss.render(setup.scene, setup.camera, setup.light, ss.RayTraced(16))
+    seen = image.visibility[image.mask]
+    assert ((seen > 0) & (seen < 1)).mean() > 0.1
+    assert (seen == 1).any()
+
+
+def test_oblique_surfaces_leak_without_slopes_and_a_thickness_trades_leaks_for_umbra():
+    """Figure 3a and 3b: a board that the light sees under 10 degrees."""
+    setup = ss.scenes.oblique_board(**SIZE)
+    exact = _traced(setup)
+    ground = exact.mesh_id == 0
+    mean, bias, _ = _errors(setup, exact, ground, ss.Mtsm(1024, 5))
+    # Of the coarser levels (measured: 0.0020, and 0.0002 without them).
+    assert mean < 0.003
+    assert _errors(setup, exact, ground, ss.Mtsm(1024, 5, detail=1000))[0] < 0.0005
+    # Measured: 0.0141, 0.0071 and 0.0087; biases 0.0110, 0.0014 and -0.0085.
+    leaking, middle, thick = (
+        _errors(setup, exact, ground, ss.Mtsm(1024, 5, z_threshold=z), depths_only=True)
+        for z in (0.0, 0.02, 0.08)
+    )
+    assert middle[0] > 3 * mean
+    assert leaking[0] > 1.5 * middle[0] < 1.5 * thick[0]
+    assert leaking[1] > 10 * abs(bias)
+    assert thick[1] < -10 * abs(bias)
+
+
+def test_contact_shadows_begin_at_the_contact():
+    setup = ss.scenes.standing_cylinder(**SIZE)
+    exact = _traced(setup)
+    near = (exact.mesh_id == 0) & (np.linalg.norm(exact.position[..., :2], axis=-1) < 0.3)
+    assert near.sum() > 100
+    # Up to 0.05 from the cylinder, all of it penumbra (measured: 0.0164, 0.0079 and 0.0019): texels
+    # count, and then the levels that are coarser than them.
+    rough, plain, fine = (
+        _errors(setup, exact, near, ss.Mtsm(r, 5, detail=d))
+        for r, d in ((256, 20), (1024, 20), (1024, 1000))
+    )
+    assert rough[0] < 0.022
+    assert plain[0] < 0.012
+    assert fine[0] < 0.003
+    # None comes loose: nowhere a fifth of the light too much.
+    assert max(rough[2], plain[2], fine[2]) < 0.05
+
+
+def test_a_curved_surface_does_not_shadow_its_lit_side():
+    setup = ss.scenes.ball(**SIZE)
+    exact = _traced(setup)
+    ball = exact.mesh_id == 1
+    for options in ({"resolution": 256}, {}, {"resolution": 4096, "detail": 1000}):
+        method = ss.Mtsm(**{"resolution": 1024, "layers": 5} | options)
+        # A convex body: of 256 samples, two within rounding of the tangent plane (measured).
+        assert _errors(setup, exact, ball, method)[2] <= 2 / 256, options
+    # Texels far smaller than triangles, which coarser levels answer for, darken where the light
+    # sets (measured: 0.0017; largest 0.22).
+    mean, bias, _ = _errors(setup, exact, ball, ss.Mtsm(4096, 5))
+    assert mean < 0.0025
+    assert bias == -mean
+
+
+def test_a_missing_layer_lets_light_through():
+    """Figure 3c: what is behind the last layer is not there."""
+    setup = ss.scenes.stacked_boards(**SIZE)
+    exact = _traced(setup)
+    ground = exact.mesh_id == 0
+    errors = [_errors(setup, exact, ground, ss.Mtsm(1024, k)) for k in range(1, 7)]
+    # Measured: 0.0703, 0.0437, 0.0205, 0.0105 and, of the coarser levels only, 0.0034.
+    means = [e[0] for e in errors]
+    assert all(b < 0.7 * a for a, b in itertools.pairwise(means[:5]))
+    assert means[4] < 0.005
+    assert errors[4] == errors[5]
+    assert all(bias > 0 for _, bias, _ in errors[:4])
+    assert errors[3][2] > 0.5 > 10 * errors[4][2]
+
+
+def test_coarser_levels_cost_accuracy():
+    setup = ss.scenes.closed_solids(96, 96, light_size=0.5, detail=3)
+    exact = _traced(setup)
+    partly = (exact.visibility > 0.002) & (exact.visibility < 0.998)
+    coarse, default, fine = (
+        _errors(setup, exact, partly, ss.Mtsm(1024, 5, detail=d))[0] for d in (4, 20, 64)
+    )
+    # Measured: 0.033, 0.0082 and 0.0044.
+    assert fine < default < 0.4 * coarse
+
+
+def test_a_thickness_darkens_and_a_bias_brightens():
+    """Both only add or remove what hides samples, so that this holds sample by sample."""
+    setup = ss.scenes.closed_solids(64, 64, detail=3)
+    plain, thick, lifted = (
+        _seen(setup, ss.Mtsm(256, 4, **k)) for k in ({}, {"z_threshold": 0.02}, {"bias": 0.05})
+    )
+    assert (thick <= plain).all()
+    assert (lifted >= plain).all()
+    # Measured: 0.0024 darker, of 0.02 on either side of edges, and 0.0006 brighter.
+    assert thick.mean() < plain.mean() - 0.001
+    assert lifted.mean() > plain.mean() + 0.0003
+
+
+@pytest.mark.parametrize(("resolution", "most"), [(64, 9), (512, 1)])
+def test_an_oblique_ground_does_not_shadow_itself(resolution, most):
+    scene = ss.Scene()
+    scene.add(quad((0, 0, 0), (6, 0, 0), (0, 6, 0)), "ground")
+    scene.add(quad((0, 0, 0.4), (0.3, 0, 0), (0, 0.3, 0)), "board")
+    light = ss.DiskLight((2.5, 0.3, 0.7), (-1, 0, -0.25), 0.3)
+    x, y = np.meshgrid(np.linspace(-2.5, 2.5, 80), np.linspace(-2.5, 2.5, 80))
+    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    normals = np.broadcast_to((0.0, 0.0, 1.0), points.shape)
+    traced = ss.visibility(scene, points, normals, light, REFERENCE)
+    lit = traced == 1
+    assert lit.sum() > 6000
+    found = ss.visibility(scene, points, normals, light, ss.Mtsm(resolution, 4))
+    # Texels reach half of one past the board: 0.0025 of 64, some 2.5 times as much on the ground,
+    # along 6 of the shadow's rim; points there have 0.004 each (measured: 4 and none, of two
+    # samples at most).
+    assert (found[lit] < 1).sum() <= most
+    assert found[lit].min() >= 1 - 2 / 256
