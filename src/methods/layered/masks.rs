@@ -93,6 +93,14 @@ impl Not for Mask {
     }
 }
 
+/// The least coordinate, and the extent, that bins are made for. Samples in one point keep a bin's width of sixteen
+/// ulps: what is nearer cannot be told apart.
+pub fn spread(low: f32, high: f32) -> [f32; 2] {
+    let least = (256.0 * 16.0 * f32::EPSILON) * low.abs().max(high.abs()).max(f32::MIN_POSITIVE);
+    let extent = (high - low).max(least);
+    [0.5 * (low + high) - 0.5 * extent, extent]
+}
+
 /// One coordinate of up to 256 samples.
 #[derive(Debug, Clone)]
 pub struct Axis {
@@ -127,12 +135,8 @@ impl Axis {
         if low > high {
             (low, high) = (0.0, 1.0);
         }
-        // Samples in one point keep a bin's width of sixteen ulps: what is nearer cannot be told apart.
-        let least =
-            (256.0 * 16.0 * f32::EPSILON) * low.abs().max(high.abs()).max(f32::MIN_POSITIVE);
-        let extent = (high - low).max(least);
-        self.low = 0.5 * (low + high) - 0.5 * extent;
-        self.extent = extent;
+        [self.low, self.extent] = spread(low, high);
+        let extent = self.extent;
         let mut bins = [Mask::NONE; BINS];
         let scale = BINS as f32 / extent;
         for (i, &c) in coordinates.iter().enumerate() {

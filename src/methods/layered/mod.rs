@@ -38,7 +38,7 @@ use super::{Method, Prepared, Shading};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Frame, Geometry};
-use crate::light::Light;
+use crate::light::{Light, Shape};
 use crate::methods::ray_traced::MOST_SAMPLES;
 use crate::receivers::Receivers;
 use crate::sampling::{LightSamples, Pattern, Sampler};
@@ -46,7 +46,7 @@ use compress::Compression;
 use construction::{Layers, layer_map};
 use given::Given;
 use map::LayerMap;
-use masks::{Axis, BLOCK, Mask};
+use masks::{Axis, BLOCK, Mask, spread};
 use tracing::{Pencil, Seen, Stack, Tracing, trace};
 use views::light_views;
 
@@ -359,6 +359,9 @@ impl LightMaps {
         }
         let count = self.sampler.len();
         let flat = self.flat.iter().all(Option::is_some);
+        if !flat && h == 1.0 && !self.meets_sphere(p, n, tracing, &mut s.stack) {
+            return 1.0;
+        }
         if h < 1.0 || !flat {
             self.sampler.fill(0, p, n, &mut s.samples);
         }
@@ -392,6 +395,57 @@ impl LightMaps {
         (sum / count as f32).min(1.0)
     }
 
+    /// Whether anything may be between a receiver and a sphere. It costs far less than its light samples, which
+    /// are others for every receiver, and most receivers are lit.
+    fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
+        let center = self.light.center();
+        let Shape::Sphere { radius, .. } = self.light.shape else {
+            return true;
+        };
+        if (p - center).length() <= radius {
+            return true;
+        }
+        self.groups.iter().any(|maps| {
+            let map = &maps[most_central(maps.iter().map(|m| &m.view.camera), center, p)];
+            let start = map.view.project(p);
+            let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            // Slopes are fractions of linear functions of a light point: the extremes over a cube are at corners. One
+            // along the view's axes lies before the eye.
+            let axes = map.view.camera.rotation.transpose();
+            for corner in 0..8 {
+                let side = |bit: u32| {
+                    if corner >> bit & 1 == 1 {
+                        radius
+                    } else {
+                        -radius
+                    }
+                };
+                let q = map
+                    .view
+                    .project(center + axes * DVec3::new(side(0), side(1), side(2)));
+                let step = q.z - start.z;
+                if !(start.z > 0.0 && step > 0.0 && step.is_finite()) {
+                    return true;
+                }
+                let slopes = (q - start) / step;
+                (low, high) = (low.min(slopes.with_z(q.z)), high.max(slopes.with_z(q.z)));
+            }
+            let ends = [[low.x, high.x], [low.y, high.y]];
+            let [columns, rows] = ends.map(|[low, high]| spread(low as f32, high as f32));
+            let pencil = Pencil {
+                start,
+                columns,
+                rows,
+                axes: None,
+                end: high.z as f32,
+                plane: tangent_plane(map, p, n),
+            };
+            let mut seen = Seen::new(Mask::first(1));
+            trace(map, tracing, &pencil, &mut seen, stack);
+            seen.open.is_empty()
+        })
+    }
+
     #[allow(clippy::too_many_arguments, reason = "one call")]
     fn trace_flat(
         &self,
@@ -418,7 +472,7 @@ impl LightMaps {
             start,
             columns: slopes(columns, start.x),
             rows: slopes(rows, start.y),
-            axes: [columns, rows],
+            axes: Some([columns, rows]),
             end: targets.inverse_depth as f32,
             plane: tangent_plane(map, p, n),
         };
@@ -476,7 +530,7 @@ impl LightMaps {
             start,
             columns: [axes[0].low, axes[0].extent],
             rows: [axes[1].low, axes[1].extent],
-            axes: [&axes[0], &axes[1]],
+            axes: Some([&axes[0], &axes[1]]),
             // Between the nearest and the farthest of the light's points (Section 4.3).
             end: (0.5 * (nearest + farthest)) as f32,
             plane: tangent_plane(map, p, n),

@@ -3,7 +3,8 @@
 //! The quadtree is walked once for 256 samples. At each node two sets are looked up ([`super::masks`]):
 //! the samples whose segments can meet what the node holds, and, where one surface covers it, those that surely
 //! cross that surface. A node that none of the undecided samples can meet is left out with all below it: so a
-//! receiver with nothing before the light takes a few nodes, and one in the umbra little more.
+//! receiver with nothing before the light takes a few nodes. Of four siblings the one that spans most slopes
+//! comes first, so that in the umbra few are left to look at.
 //!
 //! At the leaves a piece of a surface hides the samples whose segments cross its plane within the
 //! texel. Seen from the receiver that is a quadrilateral of slopes; it is taken as the rectangle through the
@@ -58,8 +59,8 @@ pub struct Pencil<'a> {
     pub columns: [f32; 2],
     /// The same across rows.
     pub rows: [f32; 2],
-    /// The samples by their slopes.
-    pub axes: [&'a Axis; 2],
+    /// The samples by their slopes; without, all samples count as hidden by whatever lies among the slopes.
+    pub axes: Option<[&'a Axis; 2]>,
     /// Inverse depth from which on nothing counts: the light's.
     pub end: f32,
     /// Height over the tangent plane, times inverse depth, grows so much per column, row and inverse depth; 0
@@ -177,6 +178,15 @@ unsafe fn trace_lanes<S: Lanes>(
 }
 
 impl Walk<'_> {
+    /// The samples in some bins, from the first to before the second.
+    #[inline(always)]
+    fn among(&self, columns: [u32; 2], rows: [u32; 2]) -> Mask {
+        match self.pencil.axes {
+            Some([u, v]) => u.between(columns[0], columns[1]) & v.between(rows[0], rows[1]),
+            None => !Mask::NONE,
+        }
+    }
+
     /// Looks at the four children of node `(x, y)`, which are of `level`.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "one call, inlined")]
@@ -238,7 +248,6 @@ impl Walk<'_> {
         let u1 = bins((right * inverse_far).max(right * inverse_near) - ou + half);
         let v0 = bins((upper * inverse_far).min(upper * inverse_near) - ov - half);
         let v1 = bins((lower * inverse_far).max(lower * inverse_near) - ov + half);
-        let [columns, rows] = self.pencil.axes;
         let cover_low = Vec4::from_array(quad.cover_low);
         let cover_high = Vec4::from_array(quad.cover_high);
         // A cover that is no thicker than it is far from the receiver.
@@ -260,13 +269,15 @@ impl Walk<'_> {
         } else {
             None
         };
+        // The child that spans most slopes comes next.
+        let (mut most, mut last) = (0, stack.len());
         // The children whose own pieces are to be looked at.
         let mut leaves = 0;
         for i in 0..4 {
             if some >> i & 1 == 0 || u0[i] >= u1[i] || v0[i] >= v1[i] {
                 continue;
             }
-            let met = columns.between(u0[i], u1[i]) & rows.between(v0[i], v1[i]) & seen.open;
+            let met = self.among([u0[i], u1[i]], [v0[i], v1[i]]) & seen.open;
             if met.is_empty() {
                 continue;
             }
@@ -275,7 +286,7 @@ impl Walk<'_> {
                 && u0[i] < u1[i]
                 && v0[i] < v1[i]
             {
-                let hidden = columns.between(u0[i], u1[i]) & rows.between(v0[i], v1[i]);
+                let hidden = self.among([u0[i], u1[i]], [v0[i], v1[i]]);
                 seen.open = seen.open.without(hidden);
                 if met.without(hidden).is_empty() {
                     continue;
@@ -285,6 +296,10 @@ impl Walk<'_> {
                 leaves |= 1 << i;
             }
             if level > 0 && far[i] <= from {
+                let bins = (u1[i] - u0[i]) * (v1[i] - v0[i]);
+                if bins >= most {
+                    (most, last) = (bins, stack.len());
+                }
                 stack.push((level - 1, 2 * x + (i as u32 & 1), 2 * y + (i as u32 >> 1)));
             }
         }
@@ -299,6 +314,10 @@ impl Walk<'_> {
             let at = (y as usize * across + x as usize) * self.map.layers;
             // SAFETY: the caller enabled the features of `S`.
             unsafe { self.pieces::<S>(data, at, leaves, &four, transparent, seen) };
+        }
+        if last < stack.len() {
+            let top = stack.len() - 1;
+            stack.swap(last, top);
         }
     }
 
@@ -436,15 +455,11 @@ impl Walk<'_> {
         let u1 = bins(far[0].max(far[1]) - ou);
         let v0 = bins(low[2].min(low[3]) - ov);
         let v1 = bins(far[2].max(far[3]) - ov);
-        let [columns, rows] = self.pencil.axes;
         while active != 0 {
             let c = active.trailing_zeros() as usize & 3;
             active &= active - 1;
             if u0[c] < u1[c] && v0[c] < v1[c] {
-                with(
-                    c,
-                    columns.between(u0[c], u1[c]) & rows.between(v0[c], v1[c]),
-                );
+                with(c, self.among([u0[c], u1[c]], [v0[c], v1[c]]));
             }
         }
     }
@@ -472,7 +487,7 @@ impl Walk<'_> {
 
     #[inline(always)]
     unsafe fn attenuate<S: Lanes>(&self, met: Mask, through: f32, seen: &mut Seen) {
-        if through == 0.0 && !self.how.subtract {
+        if (through == 0.0 && !self.how.subtract) || self.pencil.axes.is_none() {
             seen.open = seen.open.without(met);
             return;
         }
