@@ -99,14 +99,30 @@ impl Lookup<'_> {
         if !self.interpolate {
             return Some(self.evaluate(maps, &receiver, self.start(maps, texel, &receiver)));
         }
-        let (width, height) = (view.camera.width as usize, view.camera.height as usize);
+        let last = DVec2::new(
+            f64::from(view.camera.width - 1),
+            f64::from(view.camera.height - 1),
+        );
         let corner = at - 0.5;
-        let base = corner.floor();
+        // In two steps, since `floor` is a call where the instruction set is not known to have it.
+        let base = DVec2::new(
+            (corner.x + 1.0) as i32 as f64,
+            (corner.y + 1.0) as i32 as f64,
+        ) - 1.0;
         let part = corner - base;
-        let column = |i: f64| (base.x + i).max(0.0).min((width - 1) as f64) as usize;
-        let row = |i: f64| (base.y + i).max(0.0).min((height - 1) as f64) as usize;
-        let texels = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
-            .map(|(i, j)| row(j) * width + column(i));
+        let places = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
+            .map(|(i, j)| (base + DVec2::new(i, j)).max(DVec2::ZERO).min(last));
+        let texels = places.map(|at| at.y as usize * view.camera.width as usize + at.x as usize);
+        // Most receivers: all four texels saw what hides nothing of theirs, far from any edge.
+        let limit = receiver.height + receiver.slack;
+        let free = |i: usize| {
+            let d = view.tangents(places[i] + 0.5).extend(1.0);
+            let over = receiver.normal.dot(d);
+            over <= maps.inverse_depth[texels[i]] * limit && maps.outside[texels[i]] == NONE
+        };
+        if n != DVec3::ZERO && (0..4).all(free) {
+            return Some(1.0);
+        }
         let weights = [
             (1.0 - part.x) * (1.0 - part.y),
             part.x * (1.0 - part.y),
