@@ -13,6 +13,9 @@ use crate::raster::nearest::NONE;
 /// of what it hides.
 const SHARP: f64 = 0.9;
 
+/// Texels from a line at which what is beside it is looked up.
+const BESIDE: f64 = 1.5;
+
 /// Where a silhouette turns sharply.
 #[derive(Debug, Clone, Copy)]
 pub struct Corner {
@@ -23,6 +26,8 @@ pub struct Corner {
     /// How far the silhouette runs about straight on from there, on the first line's side and the second's, in
     /// texels.
     pub arms: [f64; 2],
+    /// Image points on the lit side of the first line and the second, beside the middles of the arms.
+    pub beside: [DVec2; 2],
     /// Whether it hides what both lines hide, not what either does.
     pub convex: bool,
 }
@@ -62,11 +67,25 @@ pub fn find(lines: &mut [Line], joints: &[[u32; 2]]) -> Vec<Corner> {
                 at = more;
             }
         };
+        let arms = [arm(0), arm(1)];
+        let convex = a.along.perp_dot(b.along) < 0.0;
+        let reach = a.reach.min(b.reach);
+        let half = arms.map(|arm| 0.5 * arm.min(reach));
+        let beside = if convex {
+            [
+                b.start - a.along * half[0] + a.normal() * BESIDE,
+                b.start + b.along * half[1] + b.normal() * BESIDE,
+            ]
+        } else {
+            let out = (b.along - a.along).normalize_or_zero();
+            half.map(|d| b.start + out * d)
+        };
         out.push(Corner {
             point: b.start,
             lines: pair,
-            arms: [arm(0), arm(1)],
-            convex: a.along.perp_dot(b.along) < 0.0,
+            arms,
+            beside,
+            convex,
         });
     }
     out

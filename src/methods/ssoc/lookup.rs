@@ -291,8 +291,13 @@ impl Lookup<'_> {
             let along_b = side * from.dot(line_b.along);
             let along_a = -side * from.dot(line.along);
             let rest = (corner.arms[end] - along_b).min(corner.arms[1 - end] - along_a);
-            let k = (rest / w).clamp(0.0, 1.0);
+            let k = (2.0 * rest / w).clamp(0.0, 1.0);
             if k == 0.0 {
+                continue;
+            }
+            // A line beside which the receiver is hidden too bounds nothing.
+            let dark = |q| view.texel(q).is_some_and(|t| Self::hidden_at(maps, t, receiver));
+            if corner.beside.into_iter().any(dark) {
                 continue;
             }
             let both = a.both(b, &view.outline);
