@@ -158,6 +158,62 @@ mod tests {
     }
 
     #[test]
+    fn what_two_lines_both_hide_is_the_area_of_the_lights_samples_behind_both() {
+        let n = 400;
+        let at = |i: i32| 2.0 * (f64::from(i) + 0.5) / f64::from(n) - 1.0;
+        let (u, v) = (DVec3::new(0.4, 0.1, 0.05), DVec3::new(-0.1, 0.3, 0.2));
+        let m = DVec3::new(0.3, -0.2, 0.9).normalize();
+        let e = m.any_orthonormal_vector() * 0.4;
+        let round = [e, m.cross(e)];
+        let outlines = [
+            (Outline::Rect(u, v), [u, v]),
+            (Outline::Disk(m, 0.4), round),
+            // Seen along its axis.
+            (Outline::Sphere(0.4), [DVec3::X * 0.4, DVec3::Y * 0.4]),
+        ];
+        for (outline, axes) in outlines {
+            let round = !matches!(outline, Outline::Rect(..));
+            let q = match outline {
+                Outline::Sphere(_) => DVec2::ZERO,
+                _ => DVec2::new(0.3, -0.2),
+            };
+            for (turn, x, y) in (0..13)
+                .flat_map(|k| {
+                    let turn = f64::from(k) * PI / 6.0;
+                    [-0.25, 0.0, 0.1].map(|x| [-0.3, 0.0, 0.2].map(|y| (turn, x, y)))
+                })
+                .flatten()
+            {
+                let [a, b] = [(0.4, x), (0.4 + turn, y)].map(|(angle, offset)| {
+                    let normal = DVec2::from_angle(angle);
+                    Cut {
+                        gradient: normal.extend(-normal.dot(q)),
+                        offset,
+                    }
+                });
+                let hidden = |c: &Cut, p: DVec3| c.gradient.dot(p) + c.offset <= 0.0;
+                let (mut both, mut all) = (0, 0);
+                for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+                    let (s, t) = (at(i), at(j));
+                    if round && s * s + t * t > 1.0 {
+                        continue;
+                    }
+                    let p = s * axes[0] + t * axes[1];
+                    all += 1;
+                    both += i32::from(hidden(&a, p) && hidden(&b, p));
+                }
+                let expected = f64::from(both) / f64::from(all);
+                let found = a.both(b, &outline);
+                // Two borders and the rim, each off by up to a sample of 400.
+                assert!(
+                    (found - expected).abs() < 5e-3,
+                    "{outline:?} {turn} {x} {y}: {found} {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn every_falloff_runs_from_dark_to_lit_through_one_half() {
         let outlines = [Outline::Sphere(1.0), Outline::Rect(DVec3::X, DVec3::Y)];
         for falloff in [Falloff::Light, Falloff::Linear, Falloff::Smooth] {

@@ -15,8 +15,8 @@
 
 use glam::{DVec2, DVec3};
 
-use super::falloff::{Cut, Falloff};
-use super::maps::{Line, Maps};
+use super::falloff::Falloff;
+use super::maps::Maps;
 use crate::geometry::Geometry;
 use crate::raster::nearest::NONE;
 use crate::sampling::POINT_OFFSET;
@@ -36,12 +36,12 @@ const DRAWN: f64 = std::f64::consts::SQRT_2;
 const CLOSE: f64 = 2.0 * DRAWN;
 
 /// A receiver in a view.
-struct Receiver {
+pub(super) struct Receiver {
     /// Local position.
     local: DVec3,
     /// Column and row in texels.
-    at: DVec2,
-    inverse_depth: f64,
+    pub at: DVec2,
+    pub inverse_depth: f64,
     /// Normal in the view's coordinates, and its product with the position there; zero without one.
     normal: DVec3,
     height: f64,
@@ -236,98 +236,15 @@ impl Lookup<'_> {
             point: foot.point,
             corners: [NONE; 2],
         };
-        if maps.lines[edge as usize].corners != [NONE; 2]
-            && before
-            && x < w
-            && self.falloff == Falloff::Light
-        {
-            self.corners(maps, edge, receiver, &mut found);
+        if self.falloff == Falloff::Light && before && x < w {
+            self.cut_corners(maps, edge, receiver, &mut found);
         }
         found
     }
 
-    /// Takes the sharp corners at the ends of a line into account.
-    fn corners(&self, maps: &Maps, edge: u32, receiver: &Receiver, found: &mut Penumbra) {
-        let view = &maps.view;
-        let line = &maps.lines[edge as usize];
-        let own = (receiver.at - line.start).dot(line.along);
-        let depth_at = |line: &Line, q: DVec2| {
-            let t = (q - line.start).dot(line.along).clamp(0.0, line.length);
-            (t, line.inverse_depth[0] + t * line.inverse_depth[1])
-        };
-        let cut = |line: &Line| {
-            let (t, inverse_near) = depth_at(line, receiver.at);
-            let point = line.start + line.along * t;
-            let normal = line.normal();
-            let scale = view.focal * (inverse_near - receiver.inverse_depth);
-            let (radius, part) = view.outline.radius(normal, view.tangents(point));
-            let x = (receiver.at - line.start).dot(normal);
-            let w = scale * radius;
-            let s = ((w + x) / (2.0 * w)).clamp(0.0, 1.0);
-            let gradient = normal.extend(-normal.dot(view.tangents(point)));
-            let cut = Cut {
-                gradient,
-                offset: x / scale,
-            };
-            (self.falloff.visible(s, part, &view.outline), cut, w)
-        };
-        let (plain, a, _) = cut(line);
-        let round = found.visible;
-        let (mut sum, mut part_of_plain) = (0.0, 1.0);
-        for end in 0..2 {
-            if line.corners[end] == NONE {
-                continue;
-            }
-            let corner = &maps.corners[line.corners[end] as usize];
-            let other = corner.lines[end];
-            let line_b = &maps.lines[other as usize];
-            let (visible, b, w) = cut(line_b);
-            if !(w > 0.0) {
-                continue;
-            }
-            // How much of the light's width the silhouette covers before it turns again.
-            let from = receiver.at - corner.point;
-            let side = [-1.0, 1.0][end];
-            let along_b = side * from.dot(line_b.along);
-            let along_a = -side * from.dot(line.along);
-            let rest = (corner.arms[end] - along_b).min(corner.arms[1 - end] - along_a);
-            let k = (2.0 * rest / w).clamp(0.0, 1.0);
-            if k == 0.0 {
-                continue;
-            }
-            // A line beside which the receiver is hidden too bounds nothing.
-            let dark = |q| view.texel(q).is_some_and(|t| Self::hidden_at(maps, t, receiver));
-            if corner.beside.into_iter().any(dark) {
-                continue;
-            }
-            let both = a.both(b, &view.outline);
-            let exact = if corner.convex {
-                1.0 - both
-            } else {
-                plain + visible - 1.0 + both
-            };
-            sum += k * (exact - plain);
-            if [own < 0.0, own > line.length][end] {
-                part_of_plain = k;
-            }
-            if k > 0.5 {
-                found.corners[end] = line.corners[end];
-            }
-        }
-        let beyond = own < 0.0 || own > line.length;
-        let base = if beyond && found.corners == [NONE; 2] && sum == 0.0 {
-            round
-        } else if beyond {
-            part_of_plain * plain + (1.0 - part_of_plain) * round
-        } else {
-            plain
-        };
-        found.visible = (base + sum).clamp(0.0, 1.0);
-    }
-
     /// Whether the receiver, moved to a place in the image, is in the hard shadow there.
     #[inline(always)]
-    fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
+    pub(super) fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
         maps.inverse_depth[texel] > receiver.inverse_depth
             && Self::in_front(maps, texel, receiver, receiver.slack)
     }
@@ -368,7 +285,7 @@ impl Lookup<'_> {
                 break;
             }
             let distortion = 0.5 * (here.w - here.x);
-            from = Self::middle(maps, &here, receiver.at, distortion);
+            from = here.middle(maps, receiver.at, distortion);
             let Some(texel) = view.texel(from) else {
                 hidden = false;
                 break;
@@ -415,26 +332,6 @@ impl Lookup<'_> {
         }
     }
 
-    /// The middle of what an edge leaves of the light, in the image.
-    fn middle(maps: &Maps, here: &Penumbra, at: DVec2, distortion: f64) -> DVec2 {
-        let from = at + here.normal * distortion;
-        for (end, &corner) in here.corners.iter().enumerate() {
-            if corner == NONE {
-                continue;
-            }
-            let corner = &maps.corners[corner as usize];
-            let [a, b] = corner.lines.map(|l| &maps.lines[l as usize]);
-            let other = [a, b][end];
-            if !corner.convex && (from - corner.point).dot(other.normal()) < 0.0 {
-                // In a notch: along its middle.
-                let out = (b.along - a.along).normalize_or_zero();
-                let way = (at - corner.point).dot(out);
-                return corner.point + out * (0.5 * ((way - here.w).max(0.0) + way + here.w));
-            }
-        }
-        from
-    }
-
     /// What a receiver sees past the other side of a thin occluder: beyond an edge in the part of the light
     /// that the first edge alone would hide.
     fn past(&self, maps: &Maps, receiver: &Receiver, first: &Penumbra) -> f64 {
@@ -462,32 +359,24 @@ impl Lookup<'_> {
 
 /// What an edge does to a receiver.
 #[derive(Clone, Copy)]
-struct Penumbra {
+pub(super) struct Penumbra {
     /// Distance from the edge in texels, positive on its lit side.
     x: f64,
     /// Half-width in texels.
-    w: f64,
+    pub w: f64,
     /// Half-width at an inverse depth of 1 before the receiver.
     scale: f64,
     /// Whether the edge is before the receiver at all.
     before: bool,
     /// The part of the light that the edge leaves.
-    visible: f64,
-    normal: DVec2,
+    pub visible: f64,
+    pub normal: DVec2,
     point: DVec2,
-    /// Of [`Maps::corners`], those at its ends that its visibility takes into account, or [`NONE`].
-    corners: [u32; 2],
+    /// Of [`Maps::corners`], those at its start and its end that the visibility takes into account, or [`NONE`].
+    pub corners: [u32; 2],
 }
 
 impl Penumbra {
-    /// Whether a line is at one of the corners that it takes into account.
-    fn has(&self, maps: &Maps, line: u32) -> bool {
-        let corners = self.corners.iter().filter(|&&c| c != NONE);
-        corners
-            .into_iter()
-            .any(|&c| maps.corners[c as usize].lines.contains(&line))
-    }
-
     /// Whether two edges are of one silhouette, or of nested ones, so that only the darker counts: by their
     /// normals, or by their places.
     fn same(&self, other: &Penumbra) -> bool {
