@@ -34,7 +34,7 @@ pub struct Corner {
     /// How far the silhouette runs about straight on from there, on the first line's side and the second's, in
     /// texels.
     pub arms: [f64; 2],
-    /// Image points on the lit side of the first line and the second, beside the middles of the arms.
+    /// Image points on the lit side of the first line and of the second.
     pub beside: [DVec2; 2],
     /// Whether it hides what both lines hide, not what either does.
     pub convex: bool,
@@ -78,15 +78,16 @@ pub fn find(lines: &mut [Line], joints: &[[u32; 2]]) -> Vec<Corner> {
         let arms = [arm(0), arm(1)];
         let convex = a.along.perp_dot(b.along) < 0.0;
         let reach = a.reach.min(b.reach);
-        let half = arms.map(|arm| 0.5 * arm.min(reach));
+        let far = arms.map(|arm| arm.min(reach));
         let beside = if convex {
             [
-                b.start - a.along * half[0] + a.normal() * BESIDE,
-                b.start + b.along * half[1] + b.normal() * BESIDE,
+                b.start - a.along * (0.5 * far[0]) + a.normal() * BESIDE,
+                b.start + b.along * (0.5 * far[1]) + b.normal() * BESIDE,
             ]
         } else {
+            // In a notch, where it is wider than a texel if it is anywhere.
             let out = (b.along - a.along).normalize_or_zero();
-            half.map(|d| b.start + out * d)
+            [b.start + out * far[0].min(far[1]); 2]
         };
         out.push(Corner {
             point: b.start,
@@ -99,17 +100,21 @@ pub fn find(lines: &mut [Line], joints: &[[u32; 2]]) -> Vec<Corner> {
     out
 }
 
-/// What one line, going on straight, does to a receiver.
+/// The penumbra of a line that goes on straight, as a receiver is in it.
 struct Straight {
-    /// The part of the light that it leaves.
-    visible: f64,
     cut: Cut,
-    /// Half-width of the penumbra in texels.
+    /// Distance and half-width in texels.
+    x: f64,
     width: f64,
+    /// As of [`Outline::radius`].
+    ///
+    /// [`Outline::radius`]: crate::methods::views::Outline::radius
+    part: f64,
 }
 
-impl Lookup<'_> {
-    fn straight(&self, view: &View, line: &Line, receiver: &Receiver) -> Straight {
+impl Straight {
+    #[inline(always)]
+    fn new(view: &View, line: &Line, receiver: &Receiver) -> Self {
         let from = receiver.at - line.start;
         let t = from.dot(line.along).clamp(0.0, line.length);
         let q = view.tangents(line.start + line.along * t);
@@ -117,18 +122,24 @@ impl Lookup<'_> {
         let inverse_near = line.inverse_depth[0] + t * line.inverse_depth[1];
         let scale = view.focal * (inverse_near - receiver.inverse_depth);
         let (radius, part) = view.outline.radius(normal, q);
-        let width = scale * radius;
-        let s = ((width + x) / (2.0 * width)).clamp(0.0, 1.0);
         Straight {
-            visible: self.falloff.visible(s, part, &view.outline),
             cut: Cut {
                 gradient: normal.extend(-normal.dot(q)),
                 offset: x / scale,
             },
-            width,
+            x,
+            width: scale * radius,
+            part,
         }
     }
 
+    fn visible(&self, lookup: &Lookup, view: &View) -> f64 {
+        let s = ((self.width + self.x) / (2.0 * self.width)).clamp(0.0, 1.0);
+        lookup.falloff.visible(s, self.part, &view.outline)
+    }
+}
+
+impl Lookup<'_> {
     /// Takes the sharp corners at the ends of an edge into account in what it does to a receiver.
     #[inline(always)]
     pub(super) fn cut_corners(
@@ -139,51 +150,39 @@ impl Lookup<'_> {
         found: &mut Penumbra,
     ) {
         let line = &maps.lines[edge as usize];
-        if line.corners != [NONE; 2] {
-            self.cut_corners_of(maps, line, receiver, found);
-        }
-    }
-
-    #[inline(never)]
-    fn cut_corners_of(&self, maps: &Maps, line: &Line, receiver: &Receiver, found: &mut Penumbra) {
-        let own = self.straight(&maps.view, line, receiver);
-        let at = (receiver.at - line.start).dot(line.along);
-        let beyond = [at < 0.0, at > line.length];
-        let round = found.visible;
-        let mut visible = if beyond[0] || beyond[1] {
-            round
-        } else {
-            own.visible
-        };
         for end in 0..2 {
-            let Some((weight, exact)) = self.corner(maps, line, end, &own, receiver) else {
-                continue;
-            };
-            let before = if beyond[end] { round } else { own.visible };
-            visible += weight * (exact - before);
-            found.visible = visible.clamp(0.0, 1.0);
-            if weight > 0.5 {
-                found.corners[end] = line.corners[end];
+            if line.corners[end] != NONE {
+                self.cut_corner(maps, line, end, receiver, found);
             }
         }
     }
 
-    /// How much a corner at an end of a line counts, and what it leaves of the light; `None` where it does not
-    /// count.
-    fn corner(
+    #[inline(never)]
+    fn cut_corner(
         &self,
         maps: &Maps,
         line: &Line,
         end: usize,
-        own: &Straight,
         receiver: &Receiver,
-    ) -> Option<(f64, f64)> {
+        found: &mut Penumbra,
+    ) {
         let view = &maps.view;
-        let corner = maps.corners.get(line.corners[end] as usize)?;
+        let corner = &maps.corners[line.corners[end] as usize];
         let other = &maps.lines[corner.lines[end] as usize];
-        let next = self.straight(view, other, receiver);
+        let at = (receiver.at - line.start).dot(line.along);
+        let beyond = if end == 0 { at < 0.0 } else { at > line.length };
+        let next = Straight::new(view, other, receiver);
+        // Along the lines all of the light is on one side of the other one.
+        let apart = match corner.convex {
+            true => next.x <= -next.width,
+            false => next.x >= next.width,
+        };
         if next.width.is_nan() || next.width <= 0.0 {
-            return None;
+            return;
+        }
+        if apart && !beyond {
+            found.corners[end] = line.corners[end];
+            return;
         }
         // Both sides have to go on beside the receiver, all of it for half of the light's width.
         let from = receiver.at - corner.point;
@@ -199,24 +198,28 @@ impl Lookup<'_> {
             texel.is_some_and(|texel| Self::hidden_at(maps, texel, receiver))
         };
         if weight == 0.0 || corner.beside.into_iter().any(dark) {
-            return None;
+            return;
         }
+        let own = Straight::new(view, line, receiver);
         let both = own.cut.both(next.cut, &view.outline);
+        let alone = own.visible(self, view);
         let exact = match corner.convex {
             true => 1.0 - both,
-            false => own.visible + next.visible - 1.0 + both,
+            false => alone + next.visible(self, view) - 1.0 + both,
         };
-        Some((weight, exact))
+        let before = if beyond { found.visible } else { alone };
+        found.visible = (found.visible + weight * (exact - before)).clamp(0.0, 1.0);
+        if weight > 0.5 {
+            found.corners[end] = line.corners[end];
+        }
     }
 }
 
 impl Penumbra {
     /// Whether a line is at one of the corners that are taken into account.
     pub(super) fn has(&self, maps: &Maps, line: u32) -> bool {
-        let corners = self.corners.iter().filter(|&&c| c != NONE);
-        corners
-            .into_iter()
-            .any(|&c| maps.corners[c as usize].lines.contains(&line))
+        let mut corners = self.corners.iter().filter(|&&c| c != NONE);
+        corners.any(|&c| maps.corners[c as usize].lines.contains(&line))
     }
 
     /// The middle of what is left of the light, in the image, for a receiver at `at`.
