@@ -66,6 +66,36 @@ def test_the_error_on_the_papers_scenes(make, radius):
         assert soft < error(ss.Pcf(resolution=1024))
 
 
+def _statue(width, height, close):
+    return ss.scenes.statue(width, height, "sphere", 0.2, close=close)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        ss.scenes.aircraft,
+        ss.scenes.two_teapots,
+        pytest.param(ss.scenes.bunny_and_sphere, marks=needs_bunny),
+        pytest.param(_statue, marks=needs_bunny),
+    ],
+)
+def test_the_error_in_close_views_of_penumbrae(make):
+    """A light at twice the scene's size, of a tenth of it, with 15 % of the picture in penumbra."""
+    setup = make(128, 128, close=True)
+    reference = _render(setup, REFERENCE)
+    partly = _partly(reference)
+    assert partly.mean() >= 0.15
+
+    def error(method):
+        return np.abs(_render(setup, method) - reference)[partly].mean()
+
+    soft = error("ssoc")
+    print(make.__name__, soft, error("hard"), error("pcf"))
+    assert soft <= 0.06
+    assert soft <= error("hard") / 4
+    assert soft < error(ss.Pcf(resolution=1024))
+
+
 def test_the_umbra_shrinks_as_the_light_grows():
     """Figure 10: radius 0 is the hard shadow; umbra and lit ground both give way to penumbra."""
     setups = [ss.scenes.aircraft(128, 128, radius=r) for r in (0.0, 0.1, 0.3)]
