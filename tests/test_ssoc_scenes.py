@@ -90,7 +90,6 @@ def test_the_error_in_close_views_of_penumbrae(make):
         return np.abs(_render(setup, method) - reference)[partly].mean()
 
     soft = error("ssoc")
-    print(make.__name__, soft, error("hard"), error("pcf"))
     assert soft <= 0.06
     assert soft <= error("hard") / 4
     assert soft < error(ss.Pcf(resolution=1024))

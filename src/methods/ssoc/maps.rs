@@ -22,8 +22,15 @@ use crate::raster::{SPAN, Sink, Tile, cover_projected, image, rasterize};
 /// direction.
 const REACH: f64 = 2.0;
 
-/// Distances along an edge's normal, in texels, at which what lies behind it is looked up, in this ratio.
+/// Distances along an edge's normal, in texels, from and up to which what lies behind it is looked up. Farther
+/// away it is no longer what is behind this edge: a bump's near an outline would pass for the outline.
 const FIRST_PROBE: f64 = 1.5;
+const LAST_PROBE: f64 = 4.0;
+
+/// Half-width in texels of the narrowest penumbra that the maps hold, about half a texel's diagonal: the shadow
+/// map's own staircase. Edges with less, such as those of bumps on a body, would take the texels around them from
+/// its outline.
+const NARROW: f64 = 0.75;
 
 /// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
 const FAN: f64 = std::f64::consts::FRAC_PI_4;
@@ -230,7 +237,11 @@ impl Maps {
             ],
         };
         line.inverse_far = self.behind(&line)?;
-        line.reach = self.width(&line, line.inverse_far) + REACH;
+        let width = self.width(&line, line.inverse_far);
+        if width < NARROW {
+            return None;
+        }
+        line.reach = width + REACH;
         Some(line)
     }
 
@@ -252,7 +263,9 @@ impl Maps {
     /// Inverse depth of the farthest surface that is seen behind a line on its lit side; `None` if wherever it
     /// is looked for something hides the line from the light by more than a texel's parallax.
     fn behind(&self, line: &Line) -> Option<f64> {
-        let most = self.width(line, self.view.inverse_far).max(FIRST_PROBE);
+        let most = self
+            .width(line, self.view.inverse_far)
+            .clamp(FIRST_PROBE, LAST_PROBE);
         // A probe every 32 texels of a long line.
         let places = (line.length / 32.0).clamp(1.0, 16.0) as u32;
         let (mut inverse_far, mut open) = (f64::INFINITY, false);
