@@ -32,6 +32,10 @@ const LAST_PROBE: f64 = 4.0;
 /// its outline.
 const NARROW: f64 = 0.75;
 
+/// Half-width in texels that such an edge's penumbra would have at the scene's far end: where none is wider, as under
+/// a small light, edges do not crowd, and all of them are kept.
+const WIDE: f64 = 8.0 * NARROW;
+
 /// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
 const FAN: f64 = std::f64::consts::FRAC_PI_4;
 
@@ -238,7 +242,7 @@ impl Maps {
         };
         line.inverse_far = self.behind(&line)?;
         let width = self.width(&line, line.inverse_far);
-        if width < NARROW {
+        if width < NARROW && self.width(&line, self.view.inverse_far) > WIDE {
             return None;
         }
         line.reach = width + REACH;
