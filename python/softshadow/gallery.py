@@ -45,8 +45,8 @@ def aircraft(
     radius : float
         Half its edge or diameter, world units.
     close : bool
-        Look closely at a part of the shadow, with the light at more than twice the size of what casts:
-        penumbrae of a radius of 0.1 then cover more than 15 % of the picture.
+        Look closely at a part of the shadow, with the light at more than twice the size of what
+        casts: penumbrae of a radius of 0.1 then cover more than 15 % of the picture.
 
     Returns
     -------
