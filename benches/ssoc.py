@@ -24,8 +24,8 @@ SCENES: dict[str, Callable[..., Setup]] = {
     "aircraft": ss.scenes.aircraft,
     "two teapots": ss.scenes.two_teapots,
     "bunny and sphere": ss.scenes.bunny_and_sphere,
-    "statue": lambda width, height, radius=0.1: ss.scenes.statue(
-        width=width, height=height, light="sphere", light_size=2 * radius
+    "statue": lambda width, height, radius=0.1, close=False: ss.scenes.statue(
+        width=width, height=height, light="sphere", light_size=2 * radius, close=close
     ),
 }
 """The paper's scenes, as near as models allow."""
@@ -74,7 +74,11 @@ def errors(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
         "pcf": ss.Pcf(),
     }
     scenes = by_radius(options.size, SCENES)
-    yield from against_reference(scenes, methods, options.samples)
+    close = {
+        f"{name}, close": make(width=options.size, height=options.size, close=True)
+        for name, make in SCENES.items()
+    }
+    yield from against_reference(scenes | close, methods, options.samples)
 
 
 def crowded(options: argparse.Namespace) -> Iterable[dict[str, Any]]:

@@ -156,6 +156,7 @@ def statue(
     subdivisions: int = 1,
     relief: float = 0.004,
     seed: int = 0,
+    close: bool = False,
 ) -> Setup:
     """Return the Stanford bunny as a rough stone on a plinth, on a ground plane.
 
@@ -173,6 +174,9 @@ def statue(
         Height of the stone's roughness, world units.
     seed : int
         Of the roughness.
+    close : bool
+        Look closely at a part of the shadow, with the light at more than twice the statue's height:
+        penumbrae of a light of 0.2 then cover more than 15 % of the picture.
 
     Returns
     -------
@@ -202,8 +206,10 @@ def statue(
     scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
     scene.add(plinth, name="plinth", albedo=(0.5, 0.5, 0.52))
     scene.add((stone, faces), name="statue", albedo=(0.8, 0.77, 0.7))
-    camera = Camera((0.5, -3.1, 2.0), (0.05, 0.1, 0.42), (0, 0, 1), 38.0, width, height)
-    return Setup(scene, camera, light_towards(light, (-1.0, -0.7, 2.4), light_size, (0, 0, 0.5)))
+    target, fov_deg = ((0.62, 0.26, 0.0), 8.6) if close else ((0.05, 0.1, 0.42), 38.0)
+    center = (-1.25, -0.9, 3.0) if close else (-1.0, -0.7, 2.4)
+    camera = Camera((0.5, -3.1, 2.0), target, (0, 0, 1), fov_deg, width, height)
+    return Setup(scene, camera, light_towards(light, center, light_size, (0, 0, 0.5)))
 
 
 def _unit(v: npt.ArrayLike) -> _Array:

@@ -23,9 +23,16 @@ __all__ = ["aircraft", "bunny_and_sphere", "fork", "two_teapots"]
 
 _LIGHT = (0.9, -0.7, 2.6)
 
+# More than twice the size of what casts from its middle.
+_FAR_LIGHT = (1.2, -0.9, 3.3)
+
 
 def aircraft(
-    width: int = 512, height: int = 512, light: LightKind = "sphere", radius: float = 0.1
+    width: int = 512,
+    height: int = 512,
+    light: LightKind = "sphere",
+    radius: float = 0.1,
+    close: bool = False,
 ) -> Setup:
     """Return an aircraft of about 4,500 triangles over a ground plane (Figure 10).
 
@@ -37,6 +44,9 @@ def aircraft(
         Shape of the light.
     radius : float
         Half its edge or diameter, world units.
+    close : bool
+        Look closely at a part of the shadow, with the light at more than twice the size of what
+        casts: penumbrae of a radius of 0.1 then cover more than 15 % of the picture.
 
     Returns
     -------
@@ -59,17 +69,22 @@ def aircraft(
     plane.apply_translation((0, 0, 0.5))
     scene = _over_ground()
     scene.add(plane, name="aircraft", albedo=(0.6, 0.65, 0.7))
-    return _staged(scene, width, height, light, radius)
+    close_up = ((-0.22, -0.16, 0.0), 7.7) if close else None
+    return _staged(scene, width, height, light, radius, close_up)
 
 
 def bunny_and_sphere(
-    width: int = 512, height: int = 512, light: LightKind = "sphere", radius: float = 0.1
+    width: int = 512,
+    height: int = 512,
+    light: LightKind = "sphere",
+    radius: float = 0.1,
+    close: bool = False,
 ) -> Setup:
     """Return the Stanford bunny beside a sphere that floats (Figure 11's models with spheres).
 
     Parameters
     ----------
-    width, height, light, radius
+    width, height, light, radius, close
         As of `aircraft`.
 
     Returns
@@ -86,17 +101,22 @@ def bunny_and_sphere(
     scene.add((0.8 * vertices - [0.2, 0, 0], faces), name="bunny", albedo=(0.8, 0.75, 0.7))
     ball = trimesh.creation.icosphere(4, 0.16).apply_translation((0.45, -0.25, 0.65))
     scene.add(ball, name="sphere", albedo=(0.5, 0.6, 0.8))
-    return _staged(scene, width, height, light, radius)
+    close_up = ((-0.77, 0.18, 0.0), 9.8) if close else None
+    return _staged(scene, width, height, light, radius, close_up)
 
 
 def two_teapots(
-    width: int = 512, height: int = 512, light: LightKind = "sphere", radius: float = 0.1
+    width: int = 512,
+    height: int = 512,
+    light: LightKind = "sphere",
+    radius: float = 0.1,
+    close: bool = False,
 ) -> Setup:
     """Return two teapots, one shading the other (Table 1: 13,000 triangles).
 
     Parameters
     ----------
-    width, height, light, radius
+    width, height, light, radius, close
         As of `aircraft`.
 
     Returns
@@ -109,7 +129,8 @@ def two_teapots(
         turned = trimesh.transformations.rotation_matrix(np.radians(turn), (0, 0, 1))
         pot.apply_transform(turned).apply_translation((x, y, 0))
         scene.add(pot, name=name, albedo=(0.5, 0.7, 0.5))
-    return _staged(scene, width, height, light, radius)
+    close_up = ((-0.25, -0.3, 0.0), 3.7) if close else None
+    return _staged(scene, width, height, light, radius, close_up)
 
 
 def fork(
@@ -165,7 +186,19 @@ def _over_ground() -> Scene:
     return scene
 
 
-def _staged(scene: Scene, width: int, height: int, light: LightKind, radius: float) -> Setup:
-    """Return a scene with the camera and the light that all of them share."""
-    camera = Camera((-0.2, -2.2, 2.0), (-0.15, 0.1, 0.2), (0, 0, 1), 38.0, width, height)
-    return Setup(scene, camera, light_towards(light, _LIGHT, 2 * radius, (0, 0, 0.4)))
+def _staged(
+    scene: Scene,
+    width: int,
+    height: int,
+    light: LightKind,
+    radius: float,
+    close_up: tuple[tuple[float, float, float], float] | None = None,
+) -> Setup:
+    """Return a scene with the camera and the light that all of them share, or a close view.
+
+    `close_up` is where that looks, and its field of view in degrees.
+    """
+    target, fov_deg = close_up or ((-0.15, 0.1, 0.2), 38.0)
+    center = _FAR_LIGHT if close_up else _LIGHT
+    camera = Camera((-0.2, -2.2, 2.0), target, (0, 0, 1), fov_deg, width, height)
+    return Setup(scene, camera, light_towards(light, center, 2 * radius, (0, 0, 0.4)))

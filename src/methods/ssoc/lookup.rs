@@ -36,12 +36,12 @@ const DRAWN: f64 = std::f64::consts::SQRT_2;
 const CLOSE: f64 = 2.0 * DRAWN;
 
 /// A receiver in a view.
-struct Receiver {
+pub(super) struct Receiver {
     /// Local position.
     local: DVec3,
     /// Column and row in texels.
-    at: DVec2,
-    inverse_depth: f64,
+    pub at: DVec2,
+    pub inverse_depth: f64,
     /// Normal in the view's coordinates, and its product with the position there; zero without one.
     normal: DVec3,
     height: f64,
@@ -242,7 +242,7 @@ impl Lookup<'_> {
         } else {
             1.0
         };
-        Penumbra {
+        let mut found = Penumbra {
             x,
             w,
             before,
@@ -250,12 +250,17 @@ impl Lookup<'_> {
             visible: self.falloff.visible(s, part, &view.outline),
             normal: foot.normal,
             point: foot.point,
+            corners: [NONE; 2],
+        };
+        if self.falloff == Falloff::Light && before && x < w {
+            self.cut_corners(maps, edge, receiver, &mut found);
         }
+        found
     }
 
     /// Whether the receiver, moved to a place in the image, is in the hard shadow there.
     #[inline(always)]
-    fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
+    pub(super) fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
         maps.inverse_depth[texel] > receiver.inverse_depth
             && Self::in_front(maps, texel, receiver, receiver.slack)
     }
@@ -296,7 +301,7 @@ impl Lookup<'_> {
                 break;
             }
             let distortion = 0.5 * (here.w - here.x);
-            from = receiver.at + here.normal * distortion;
+            from = here.middle(maps, receiver.at, distortion);
             let Some(texel) = view.texel(from) else {
                 hidden = false;
                 break;
@@ -317,6 +322,10 @@ impl Lookup<'_> {
             if hidden && foot.x > -DRAWN && foot.point.distance(here.point) <= CLOSE + 0.25 * here.w
             {
                 // The drawing of the same silhouette covers the distorted point by its rounding.
+                hidden = false;
+                break;
+            }
+            if here.has(maps, next) {
                 hidden = false;
                 break;
             }
@@ -352,7 +361,7 @@ impl Lookup<'_> {
         } else {
             maps.outside[texel]
         };
-        if edge == NONE {
+        if edge == NONE || first.has(maps, edge) {
             return 0.0;
         }
         let other = self.penumbra(maps, edge, from, receiver);
@@ -366,19 +375,21 @@ impl Lookup<'_> {
 
 /// What an edge does to a receiver.
 #[derive(Clone, Copy)]
-struct Penumbra {
+pub(super) struct Penumbra {
     /// Distance from the edge in texels, positive on its lit side.
     x: f64,
     /// Half-width in texels.
-    w: f64,
+    pub w: f64,
     /// Half-width at an inverse depth of 1 before the receiver.
     scale: f64,
     /// Whether the edge is before the receiver at all.
     before: bool,
     /// The part of the light that the edge leaves.
-    visible: f64,
-    normal: DVec2,
+    pub visible: f64,
+    pub normal: DVec2,
     point: DVec2,
+    /// Of [`Maps::corners`], those at its start and its end that the visibility takes into account, or [`NONE`].
+    pub corners: [u32; 2],
 }
 
 impl Penumbra {

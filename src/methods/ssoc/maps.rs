@@ -8,6 +8,7 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use super::corners::{self, Corner};
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
@@ -21,8 +22,19 @@ use crate::raster::{SPAN, Sink, Tile, cover_projected, image, rasterize};
 /// direction.
 const REACH: f64 = 2.0;
 
-/// Distances along an edge's normal, in texels, at which what lies behind it is looked up, in this ratio.
+/// Distances along an edge's normal, in texels, from and up to which what lies behind it is looked up. Farther
+/// away it is no longer what is behind this edge: a bump's near an outline would pass for the outline.
 const FIRST_PROBE: f64 = 1.5;
+const LAST_PROBE: f64 = 4.0;
+
+/// Half-width in texels of the narrowest penumbra that the maps hold, about half a texel's diagonal: the shadow
+/// map's own staircase. Edges with less, such as those of bumps on a body, would take the texels around them from
+/// its outline.
+const NARROW: f64 = 0.75;
+
+/// Half-width in texels that such an edge's penumbra would have at the scene's far end: where none is wider, as under
+/// a small light, edges do not crowd, and all of them are kept.
+const WIDE: f64 = 8.0 * NARROW;
 
 /// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
 const FAN: f64 = std::f64::consts::FRAC_PI_4;
@@ -43,8 +55,10 @@ pub struct Line {
     pub inverse_far: f64,
     /// Texels to either side that it can matter for.
     pub reach: f64,
-    /// Vertices of the scene at its ends; none where it was clipped.
-    ends: [Option<u32>; 2],
+    /// Of [`Maps::corners`], the sharp ones at its start and its end, or [`NONE`].
+    pub corners: [u32; 2],
+    /// Vertices of the scene at its ends, or [`NONE`] where it was clipped.
+    ends: [u32; 2],
 }
 
 /// The point of a silhouette nearest to an image point.
@@ -106,6 +120,8 @@ pub struct Maps {
     pub triangle: Vec<u32>,
     /// Silhouette edges in the image.
     pub lines: Vec<Line>,
+    /// Where they turn sharply.
+    pub corners: Vec<Corner>,
     /// Of each texel on the dark side of silhouettes the nearest line, or [`NONE`].
     pub inside: Vec<u32>,
     /// Of each texel on their lit side.
@@ -149,6 +165,7 @@ impl Maps {
             inverse_depth,
             triangle,
             lines: Vec::new(),
+            corners: Vec::new(),
             inside: Vec::new(),
             outside: Vec::new(),
         })
@@ -174,7 +191,9 @@ impl Maps {
             .filter(shown)
             .filter_map(|e| self.line(e))
             .collect();
-        let drawing = Drawing::new(&self.lines, &self.view);
+        let (joints, loose) = ends(&self.lines);
+        self.corners = corners::find(&mut self.lines, &joints);
+        let drawing = Drawing::new(&self.lines, &joints, &loose, &self.view);
         let lines = &self.lines;
         let tiles = cover_projected(
             &drawing.points,
@@ -215,13 +234,18 @@ impl Maps {
             inverse_depth: [i, (j - i) / length],
             inverse_far: self.view.inverse_far,
             reach: 0.0,
+            corners: [NONE; 2],
             ends: [
-                (t0 == 0.0).then_some(edge.vertices[0]),
-                (t1 == 1.0).then_some(edge.vertices[1]),
+                if t0 == 0.0 { edge.vertices[0] } else { NONE },
+                if t1 == 1.0 { edge.vertices[1] } else { NONE },
             ],
         };
         line.inverse_far = self.behind(&line)?;
-        line.reach = self.width(&line, line.inverse_far) + REACH;
+        let width = self.width(&line, line.inverse_far);
+        if width < NARROW && self.width(&line, self.view.inverse_far) > WIDE {
+            return None;
+        }
+        line.reach = width + REACH;
         Some(line)
     }
 
@@ -243,7 +267,9 @@ impl Maps {
     /// Inverse depth of the farthest surface that is seen behind a line on its lit side; `None` if wherever it
     /// is looked for something hides the line from the light by more than a texel's parallax.
     fn behind(&self, line: &Line) -> Option<f64> {
-        let most = self.width(line, self.view.inverse_far).max(FIRST_PROBE);
+        let most = self
+            .width(line, self.view.inverse_far)
+            .clamp(FIRST_PROBE, LAST_PROBE);
         // A probe every 32 texels of a long line.
         let places = (line.length / 32.0).clamp(1.0, 16.0) as u32;
         let (mut inverse_far, mut open) = (f64::INFINITY, false);
@@ -286,6 +312,7 @@ impl Maps {
         size_of_val(&self.inverse_depth[..])
             + size_of_val(&self.triangle[..])
             + size_of_val(&self.lines[..])
+            + size_of_val(&self.corners[..])
             + size_of_val(&self.inside[..])
             + size_of_val(&self.outside[..])
     }
@@ -315,6 +342,25 @@ fn clip(a: DVec3, b: DVec3, low: DVec2, high: DVec2) -> Option<(f64, f64)> {
     (t0 < t1).then_some((t0, t1))
 }
 
+/// Pairs of lines of which the second alone starts where the first alone ends; and all other ends, by line and
+/// whether it starts there.
+fn ends(lines: &[Line]) -> (Vec<[u32; 2]>, Vec<(u32, bool)>) {
+    let mut ends: Vec<(u32, bool, u32)> = Vec::with_capacity(2 * lines.len());
+    for (i, line) in lines.iter().enumerate() {
+        ends.push((line.ends[0], true, i as u32));
+        ends.push((line.ends[1], false, i as u32));
+    }
+    ends.par_sort_unstable();
+    let (mut joints, mut loose) = (Vec::with_capacity(lines.len()), Vec::new());
+    for at in ends.chunk_by(|a, b| a.0 == b.0 && a.0 != NONE) {
+        match *at {
+            [(_, false, before), (_, true, after)] => joints.push([before, after]),
+            _ => loose.extend(at.iter().map(|&(_, starts, line)| (line, starts))),
+        }
+    }
+    (joints, loose)
+}
+
 /// The quads and fans of all lines, for the rasteriser.
 #[derive(Default)]
 struct Drawing {
@@ -325,32 +371,20 @@ struct Drawing {
 }
 
 impl Drawing {
-    fn new(lines: &[Line], view: &View) -> Self {
+    fn new(lines: &[Line], joints: &[[u32; 2]], loose: &[(u32, bool)], view: &View) -> Self {
         let mut out = Drawing::default();
-        // Lines by the vertices that they end and start at.
-        let mut ends: Vec<(u32, bool, u32)> = Vec::with_capacity(2 * lines.len());
         for (i, line) in lines.iter().enumerate() {
-            for (end, starts) in [(0, true), (1, false)] {
-                match line.ends[end] {
-                    Some(vertex) => ends.push((vertex, starts, i as u32)),
-                    None => out.cap(lines, i as u32, starts),
-                }
-            }
             let side = line.normal() * line.reach;
             let end = line.start + line.along * line.length;
             let corners = [line.start - side, end - side, end + side, line.start + side];
             out.triangle(i as u32, [corners[0], corners[1], corners[2]]);
             out.triangle(i as u32, [corners[0], corners[2], corners[3]]);
         }
-        ends.par_sort_unstable();
-        for at in ends.chunk_by(|a, b| a.0 == b.0) {
-            if let [(_, false, before), (_, true, after)] = *at {
-                out.corner(lines, before, after);
-            } else {
-                for &(_, starts, line) in at {
-                    out.cap(lines, line, starts);
-                }
-            }
+        for &[before, after] in joints {
+            out.corner(lines, before, after);
+        }
+        for &(line, starts) in loose {
+            out.cap(lines, line, starts);
         }
         out.bounds = out
             .points

@@ -15,6 +15,7 @@
 //! otherwise. Receivers farther from the light than all of the scene have their penumbrae cut to the width
 //! that they have at the scene's far end.
 
+pub mod corners;
 pub mod falloff;
 pub mod lookup;
 pub mod maps;
