@@ -13,10 +13,8 @@
 //! - [`ssoc`]: those of the soft shadow occlusion camera;
 //! - [`wedges`]: those of penumbra wedges.
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 mod accumulation;
+mod allocator;
 mod arrays;
 mod filtered;
 mod kernels;
@@ -38,6 +36,9 @@ use pyo3::prelude::*;
 
 use crate::control::Control;
 use crate::error::{Error, Kind, Result};
+
+#[global_allocator]
+static ALLOCATOR: allocator::Allocator = allocator::Allocator;
 
 create_exception!(
     _core,
