@@ -53,8 +53,8 @@ def in_turn(
 ) -> Iterable[dict[str, Any]]:
     """Time cases in turn, round after round, and yield the medians of their stages.
 
-    A turn renders a few frames one after the other, as an animation would; the first, which finds the
-    caches full of another case and may build adjacency, is not counted.
+    A turn renders a few frames one after the other, as an animation would; the first, which finds
+    the caches full of another case and may build adjacency, is not counted.
     """
     frames: list[list[dict[str, float]]] = [[] for _ in cases]
     for _ in range(repeats):

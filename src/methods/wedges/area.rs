@@ -20,7 +20,7 @@
 //! coordinates of their own: per receiver a matrix maps directions to homogeneous coordinates on the light
 //! (for a sphere, on the disk that its outline spans).
 //!
-//! Under a large light most edges lie between two vertices that both hide points of the light ([`Inner`]).
+//! Under a large light most edges lie between two vertices that both hide points of the light (`Inner` in `sector.rs`).
 //! Along a chain of those, sectors add up to the one between the first vertex and the last, and a whole number
 //! of turns; only the triangles are left to sum.
 
