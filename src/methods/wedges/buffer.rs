@@ -256,7 +256,7 @@ impl<'a> TileBuffer<'a> {
             }
             all.clear();
             all.extend(0..own.len());
-            if near.len() > 32 {
+            if near.len() > MANY {
                 cluster(&frame.receivers.positions[range.clone()], &mut all);
             }
             for lanes in all.chunks(LANES) {
@@ -306,6 +306,9 @@ impl<'a> TileBuffer<'a> {
         }
     }
 }
+
+/// Wedges from which on it pays to cluster a group's receivers.
+const MANY: usize = 32;
 
 /// Orders receivers so that every sixteen have a small box around them: a block of pixels may see surfaces far
 /// apart, or one at a flat angle.
