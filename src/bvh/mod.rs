@@ -3,7 +3,7 @@
 //! - [`tree`]: building and refitting, the only file that knows obvhs;
 //! - [`packet`]: which of sixteen segments are blocked by opaque triangles;
 //! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
-//! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance;
+//! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance, and which first;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers.
 //!
 //! A segment from a receiver to a light point is blocked where it passes through a triangle and its
@@ -181,6 +181,15 @@ impl Occluders {
             }
             out[lane] = value;
         }
+    }
+
+    /// The part of a segment before the first triangle that it crosses, of any opacity above 0.
+    pub fn first_crossing(&self, from: Vec3, to: Vec3, stack: &mut Stack) -> Option<f64> {
+        let mut first = crossing::first_triangle(&self.opaque, from, to, 1.0, stack);
+        if let Some((bvh, _)) = &self.transparent {
+            first = crossing::first_triangle(bvh, from, to, first, stack);
+        }
+        (first < 1.0).then_some(first)
     }
 
     /// Bytes of the hierarchies.

@@ -261,6 +261,12 @@ impl Lookup<'_> {
     /// Whether the receiver, moved to a place in the image, is in the hard shadow there.
     #[inline(always)]
     pub(super) fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
+        if let Some(seen) = maps.seen.get(texel) {
+            let over = receiver.normal.dot(seen.with_z(1.0));
+            let limit = seen.z * (receiver.height + receiver.slack);
+            return seen.z > receiver.inverse_depth
+                && (over > limit || receiver.normal == DVec3::ZERO);
+        }
         maps.inverse_depth[texel] > receiver.inverse_depth
             && Self::in_front(maps, texel, receiver, receiver.slack)
     }
@@ -314,7 +320,11 @@ impl Lookup<'_> {
             };
             if next == NONE {
                 // What is beside the cone to the light hides nothing.
-                let seen = maps.inverse_depth[texel] - receiver.inverse_depth;
+                let inverse_depth = maps
+                    .seen
+                    .get(texel)
+                    .map_or(maps.inverse_depth[texel], |s| s.z);
+                let seen = inverse_depth - receiver.inverse_depth;
                 hidden &= here.scale * seen >= distortion || step == 0 && start.0;
                 break;
             }

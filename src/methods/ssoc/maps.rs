@@ -126,6 +126,9 @@ pub struct Maps {
     pub inside: Vec<u32>,
     /// Of each texel on their lit side.
     pub outside: Vec<u32>,
+    /// What the distorted ray of each texel sees first: in the image of focal length 1, and its inverse depth, 0 where
+    /// there is nothing. Empty where the shadow map is to do ([`Maps::reference`]).
+    pub seen: Vec<DVec3>,
 }
 
 impl Maps {
@@ -168,6 +171,7 @@ impl Maps {
             corners: Vec::new(),
             inside: Vec::new(),
             outside: Vec::new(),
+            seen: Vec::new(),
         })
     }
 
@@ -315,6 +319,7 @@ impl Maps {
             + size_of_val(&self.corners[..])
             + size_of_val(&self.inside[..])
             + size_of_val(&self.outside[..])
+            + size_of_val(&self.seen[..])
     }
 }
 
