@@ -34,23 +34,25 @@ pub fn through_triangles(
     crossed.product()
 }
 
-/// The part of the segment before the first triangle that it crosses, at most `limit`.
+/// The first triangle that the segment crosses, of [`TriangleBvh::faces`], and the part of the segment before it.
 pub fn first_triangle(
     bvh: &TriangleBvh,
     from: Vec3,
     to: Vec3,
-    limit: f64,
     stack: &mut Stack,
-) -> f64 {
+) -> Option<(f64, u32)> {
     let shear = Shear::new(from, to);
-    let mut first = limit;
+    let mut first = (1.0, None);
     visit(&bvh.tree, from, to, stack, |i| {
         if let Some([start, end]) = shear.sides(&bvh.corners[i], from, to) {
-            first = first.min(start / (start - end));
+            let t = start / (start - end);
+            if t <= first.0 {
+                first = (t, Some(bvh.faces[i]));
+            }
         }
-        first
+        first.0
     });
-    first
+    Some((first.0, first.1?))
 }
 
 /// Transmittance of the segment through spheres: each surface that it enters or leaves counts.

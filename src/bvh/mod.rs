@@ -183,13 +183,16 @@ impl Occluders {
         }
     }
 
-    /// The part of a segment before the first triangle that it crosses, of any opacity above 0.
-    pub fn first_crossing(&self, from: Vec3, to: Vec3, stack: &mut Stack) -> Option<f64> {
-        let mut first = crossing::first_triangle(&self.opaque, from, to, 1.0, stack);
-        if let Some((bvh, _)) = &self.transparent {
-            first = crossing::first_triangle(bvh, from, to, first, stack);
-        }
-        (first < 1.0).then_some(first)
+    /// The first triangle of any opacity above 0 that a segment crosses, of [`Geometry::faces`], and the part of the
+    /// segment before it.
+    pub fn first_triangle(&self, from: Vec3, to: Vec3, stack: &mut Stack) -> Option<(f64, u32)> {
+        let first = crossing::first_triangle(&self.opaque, from, to, stack);
+        let other = self.transparent.as_ref();
+        let other = other.and_then(|(bvh, _)| crossing::first_triangle(bvh, from, to, stack));
+        first
+            .into_iter()
+            .chain(other)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Bytes of the hierarchies.

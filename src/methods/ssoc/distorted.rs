@@ -6,7 +6,7 @@
 //! second part is straight as well, on a line from the light's rim. So two segments are exact, of which the shadow
 //! map has the first, and nothing has to be subdivided.
 
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use rayon::prelude::*;
 
 use super::maps::Maps;
@@ -16,6 +16,25 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::raster::nearest::NONE;
 
+/// What a distorted ray sees first.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    /// Where that is without distortion, in the image of focal length 1.
+    pub at: DVec2,
+    /// Its inverse depth, 0 where there is nothing.
+    pub inverse_depth: f64,
+    /// Its triangle, or [`NONE`].
+    pub triangle: u32,
+}
+
+impl Seen {
+    const NOTHING: Seen = Seen {
+        at: DVec2::ZERO,
+        inverse_depth: 0.0,
+        triangle: NONE,
+    };
+}
+
 impl Maps {
     /// Finds what the distorted rays see first, [`Maps::seen`].
     ///
@@ -23,7 +42,7 @@ impl Maps {
     /// [`crate::error::Error::Cancelled`].
     pub fn reference(&mut self, occluders: &Occluders, control: &Control) -> Result<()> {
         let width = self.view.camera.width as usize;
-        let mut seen = vec![DVec3::ZERO; self.view.camera.pixels()];
+        let mut seen = vec![Seen::NOTHING; self.view.camera.pixels()];
         let rows = seen.par_chunks_mut(width).enumerate();
         rows.try_for_each_init(Stack::new, |stack, (row, out)| {
             control.check()?;
@@ -37,12 +56,15 @@ impl Maps {
     }
 
     /// What the ray of a texel sees first.
-    fn first(&self, occluders: &Occluders, texel: usize, stack: &mut Stack) -> DVec3 {
+    fn first(&self, occluders: &Occluders, texel: usize, stack: &mut Stack) -> Seen {
         let view = &self.view;
         let width = view.camera.width as usize;
         let q = DVec2::new((texel % width) as f64, (texel / width) as f64) + 0.5;
-        let inverse_depth = self.inverse_depth[texel];
-        let straight = view.tangents(q).extend(inverse_depth);
+        let straight = Seen {
+            at: view.tangents(q),
+            inverse_depth: self.inverse_depth[texel],
+            triangle: self.triangle[texel],
+        };
         let edge = self.outside[texel];
         if edge == NONE {
             return straight;
@@ -51,8 +73,8 @@ impl Maps {
         let (radius, _) = view.outline.radius(foot.normal, view.tangents(foot.point));
         let scale = view.focal * radius;
         let bend = foot.inverse_near - foot.x / scale;
-        // Negated, so that it holds for a radius of 0 too.
-        if !(bend > inverse_depth.max(view.inverse_far)) {
+        // Negated, so that a radius of 0 is straight too.
+        if !(bend > straight.inverse_depth.max(view.inverse_far)) {
             return straight;
         }
         let to_local = view.camera.rotation.transpose();
@@ -63,13 +85,15 @@ impl Maps {
         };
         // Past all of the scene.
         let (from, to) = (at(bend), at(0.5 * view.inverse_far));
-        match occluders.first_crossing(from, to, stack) {
-            Some(t) => {
-                let p = from.as_dvec3().lerp(to.as_dvec3(), t);
-                let p = view.camera.rotation * (p - view.camera.eye);
-                DVec3::new(p.x / p.z, p.y / p.z, 1.0 / p.z)
-            }
-            None => straight.with_z(0.0),
+        let Some((t, triangle)) = occluders.first_triangle(from, to, stack) else {
+            return Seen::NOTHING;
+        };
+        let p = from.as_dvec3().lerp(to.as_dvec3(), t);
+        let p = view.camera.rotation * (p - view.camera.eye);
+        Seen {
+            at: p.truncate() / p.z,
+            inverse_depth: 1.0 / p.z,
+            triangle,
         }
     }
 }

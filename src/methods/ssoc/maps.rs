@@ -9,6 +9,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::corners::{self, Corner};
+use super::distorted::Seen;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
@@ -126,9 +127,8 @@ pub struct Maps {
     pub inside: Vec<u32>,
     /// Of each texel on their lit side.
     pub outside: Vec<u32>,
-    /// What the distorted ray of each texel sees first: in the image of focal length 1, and its inverse depth, 0 where
-    /// there is nothing. Empty where the shadow map is to do ([`Maps::reference`]).
-    pub seen: Vec<DVec3>,
+    /// The reference image, what the distorted ray of each texel sees first; empty without ([`Maps::reference`]).
+    pub seen: Vec<Seen>,
 }
 
 impl Maps {

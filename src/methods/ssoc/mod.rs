@@ -44,7 +44,7 @@ use maps::Maps;
 const TEXEL_BYTES: usize = 20 + 36;
 
 /// Those of the reference image.
-const SEEN_BYTES: usize = 24;
+const SEEN_BYTES: usize = size_of::<distorted::Seen>();
 
 /// Parameters of the soft shadow occlusion camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
