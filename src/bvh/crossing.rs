@@ -243,6 +243,7 @@ fn left_of(a: DVec2, b: DVec2) -> i8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Material, Scene};
 
     #[test]
     fn a_segment_through_a_shared_edge_or_vertex_crosses_one_triangle() {
@@ -268,6 +269,43 @@ mod tests {
                 assert_eq!(count, 1, "{target} along {direction}");
             }
         }
+    }
+
+    #[test]
+    fn the_first_of_many_sheets_is_found_from_either_end() {
+        let mut scene = Scene::default();
+        let looks = Material {
+            albedo: [1.0; 3],
+            opacity: 1.0,
+            casts: true,
+            receives: true,
+        };
+        let sheet = |i: usize| {
+            let z = 0.01 * (i * 37 % 100) as f64;
+            [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)].map(|(x, y)| DVec3::new(x, y, z))
+        };
+        for i in 0..100 {
+            let name = i.to_string();
+            scene
+                .add_mesh(&name, sheet(i).to_vec(), &[[0, 1, 2]], looks)
+                .unwrap();
+        }
+        let geometry = scene.geometry().unwrap();
+        let local = |z: f64| geometry.frame.to_local(DVec3::new(0.05, 0.1, z)).as_vec3();
+        for (from, to, z) in [(-0.5, 1.5, 0.0), (1.5, -0.5, 0.99), (0.495, 0.0, 0.49)] {
+            let ends = (local(from), local(to));
+            let found = geometry
+                .occluders()
+                .first_triangle(ends.0, ends.1, &mut Stack::new());
+            let (t, face) = found.unwrap();
+            assert!((from + (to - from) * t - z).abs() < 1e-6, "{t}");
+            assert!((sheet(face as usize)[0].z - z).abs() < 1e-12);
+        }
+        let beside = (local(2.0), local(1.0));
+        let none = geometry
+            .occluders()
+            .first_triangle(beside.0, beside.1, &mut Stack::new());
+        assert!(none.is_none());
     }
 
     #[test]

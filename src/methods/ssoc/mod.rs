@@ -347,6 +347,44 @@ mod tests {
     }
 
     #[test]
+    fn a_distorted_ray_holds_what_the_lookup_moves_to_its_texel() {
+        let casters = star();
+        let center = DVec3::new(0.1, -0.2, 2.0);
+        let light = Light::disk(center, DVec3::NEG_Z, 0.3, [1.0; 3]).unwrap();
+        let mut all = maps(&casters, &light);
+        Ssoc::reference(&mut all, &casters, &Control::default()).unwrap();
+        assert!(all[1..].iter().all(|m| m.seen.is_empty()));
+        let map = &all[0];
+        let (view, width) = (&map.view, map.view.camera.width as usize);
+        let mut bent = 0;
+        for (texel, seen) in map.seen.iter().enumerate() {
+            let q = DVec2::new((texel % width) as f64, (texel / width) as f64) + 0.5;
+            if seen.inverse_depth == 0.0 || seen.at.distance(view.tangents(q)) < 1e-12 {
+                assert!(seen.inverse_depth == 0.0 || seen.triangle == map.triangle[texel]);
+                continue;
+            }
+            let foot = map.lines[map.outside[texel] as usize].foot(q);
+            let radius = view
+                .outline
+                .radius(foot.normal, view.tangents(foot.point))
+                .0;
+            let w = view.focal * radius * (foot.inverse_near - seen.inverse_depth);
+            // The place of what is seen in the image without distortion, and its distance from the edge.
+            let p = DVec3::from((seen.at, 1.0)) / seen.inverse_depth;
+            let at = view
+                .project(view.camera.eye + view.camera.rotation.transpose() * p)
+                .0;
+            let x = (at - foot.point).dot(foot.normal);
+            // Rays start and end at f32 coordinates of about 1, of 6e-8; a texel is 0.01 wide.
+            let moved = foot.point + foot.normal * (0.5 * (w + x));
+            assert!(moved.distance(q) < 1e-4, "texel {texel}: {moved} {q}");
+            assert!(x.abs() < w + 1e-4);
+            bent += 1;
+        }
+        assert!(bent > 1000, "{bent}");
+    }
+
+    #[test]
     fn a_light_amid_what_casts_gets_the_faces_that_are_needed() {
         let casters = star();
         let views = |light: &Light| maps(&casters, light).len();
