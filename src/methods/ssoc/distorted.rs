@@ -73,8 +73,7 @@ impl Maps {
         let (radius, _) = view.outline.radius(foot.normal, view.tangents(foot.point));
         let scale = view.focal * radius;
         let bend = foot.inverse_near - foot.x / scale;
-        // Negated, so that a radius of 0 is straight too.
-        if !(bend > straight.inverse_depth.max(view.inverse_far)) {
+        if bend.is_nan() || bend <= straight.inverse_depth.max(view.inverse_far) {
             return straight;
         }
         let to_local = view.camera.rotation.transpose();
