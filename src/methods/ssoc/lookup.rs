@@ -11,7 +11,8 @@
 //! tangent plane, each by more than the rounding of coordinates. That leaves no shadow of a surface on itself
 //! at convex and concave creases alike, however large the texel. At a distorted place, what the texel saw must
 //! be nearer to the light than the receiver and in front of its tangent plane; where no edge is known there, also
-//! within the cone of rays from the receiver to the light, `f r (1 / z - 1 / p_z) >= |distortion|`.
+//! within the cone of rays from the receiver to the light, `f r (1 / z - 1 / p_z) >= |distortion|`. With a reference
+//! image (`distorted`), what the distorted ray saw takes its place, and its triangle's plane counts as well.
 
 use glam::{DVec2, DVec3, Vec3};
 
