@@ -136,7 +136,8 @@ impl Crossed {
 }
 
 /// Calls `test` with every primitive whose box the segment may enter; it returns up to which part of the segment
-/// the others still matter.
+/// the others still matter. Inlined, so that a limit that stays 1 costs nothing.
+#[inline(always)]
 fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl FnMut(usize) -> f64) {
     if tree.nodes.is_empty() {
         return;
@@ -208,6 +209,7 @@ impl Shear {
 
     /// The distances of the ends from the triangle's plane, to scale and of opposite signs, where the segment
     /// crosses it.
+    #[inline(always)]
     fn sides(&self, corners: &[Vec3; 3], from: Vec3, to: Vec3) -> Option<[f64; 2]> {
         let [a, b, c] = corners.map(|v| self.point(v));
         let (u, v, w) = (left_of(b, c), left_of(c, a), left_of(a, b));
