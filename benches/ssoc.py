@@ -18,7 +18,7 @@ from tables import against_reference, dynamic_frame, in_turn, table
 
 PARTS = ("speed", "errors", "crowded")
 
-STAGES = ("silhouettes", "shadow map", "distortion maps")
+STAGES = ("silhouettes", "shadow map", "distortion maps", "reference image")
 
 SCENES: dict[str, Callable[..., Setup]] = {
     "aircraft": ss.scenes.aircraft,
@@ -47,8 +47,11 @@ def speed(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
     for name, make in SCENES.items():
         for size in options.sizes:
             setup = make(width=size, height=size)
-            labels = {"scene": name, "triangles": triangles(setup), "size": size}
-            cases.append((labels, frame(setup, ss.Ssoc(resolution=size))))
+            for distorted in (False, True):
+                labels = {"scene": name, "triangles": triangles(setup), "size": size}
+                labels["distorted"] = distorted
+                method = ss.Ssoc(resolution=size, distorted=distorted)
+                cases.append((labels, frame(setup, method)))
     yield from in_turn(cases, options.repeats)
 
 
@@ -69,6 +72,7 @@ def errors(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
         "one step": ss.Ssoc(steps=1),
         "eight steps": ss.Ssoc(steps=8),
         "thin=False": ss.Ssoc(thin=False),
+        "distorted": ss.Ssoc(distorted=True),
         "smooth": ss.Ssoc(falloff="smooth"),
         "512 texels": ss.Ssoc(resolution=512),
         "pcf": ss.Pcf(),

@@ -265,6 +265,11 @@ class Ssoc(Method):
     thin : bool
         Look for light past the other side of occluders that are thinner than the penumbra (not in
         the paper's method; a wider search, as its Section 6 suggests).
+    distorted : bool
+        Compare distorted receivers with what the camera's distorted rays see (the reference image
+        of the paper's Section 4), instead of with what the shadow map has at the distorted place.
+        Removes false umbrae where what lies behind an edge varies quickly in depth, and takes most
+        of the guessing out of points without normals; costs a ray for every texel near an edge.
     opacity : {"opaque"}, optional
         ``"opaque"`` lets every mesh with an opacity above 0 block all light; without, transparent
         meshes that cast are an error.
@@ -275,6 +280,7 @@ class Ssoc(Method):
     falloff: Literal["light", "linear", "smooth"] = "light"
     interpolate: bool = True
     thin: bool = True
+    distorted: bool = False
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "ssoc"

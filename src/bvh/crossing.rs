@@ -5,7 +5,7 @@
 //! functions are exact here (`robust::orient2d` on the sheared vertices where two products round to
 //! the same number), and a segment that passes exactly through an edge is moved off it by an
 //! infinitesimal amount, the same for all triangles (simulation of simplicity, Edelsbrunner and Mücke
-//! 1990): first along x, then along y of the sheared plane.
+//! 1990): first along x, then along y of the sheared plane. The first crossing is found by the same tests.
 
 use glam::{DVec2, DVec3, Vec3};
 use robust::{Coord, orient2d};
@@ -29,8 +29,30 @@ pub fn through_triangles(
         if shear.crosses(&bvh.corners[i], from, to) {
             crossed.add(through[i], 1);
         }
+        1.0
     });
     crossed.product()
+}
+
+/// The first triangle that the segment crosses, of [`TriangleBvh::faces`], and the part of the segment before it.
+pub fn first_triangle(
+    bvh: &TriangleBvh,
+    from: Vec3,
+    to: Vec3,
+    stack: &mut Stack,
+) -> Option<(f64, u32)> {
+    let shear = Shear::new(from, to);
+    let mut first = (1.0, None);
+    visit(&bvh.tree, from, to, stack, |i| {
+        if let Some([start, end]) = shear.sides(&bvh.corners[i], from, to) {
+            let t = start / (start - end);
+            if t <= first.0 {
+                first = (t, Some(bvh.faces[i]));
+            }
+        }
+        first.0
+    });
+    Some((first.0, first.1?))
 }
 
 /// Transmittance of the segment through spheres: each surface that it enters or leaves counts.
@@ -42,6 +64,7 @@ pub fn through_spheres(bvh: &SphereBvh, from: Vec3, to: Vec3, stack: &mut Stack)
         if crossings > 0 {
             crossed.add(bvh.transmittance[i], crossings);
         }
+        1.0
     });
     crossed.product()
 }
@@ -112,8 +135,10 @@ impl Crossed {
     }
 }
 
-/// Calls `test` with every primitive whose box the segment may enter.
-fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl FnMut(usize)) {
+/// Calls `test` with every primitive whose box the segment may enter; it returns up to which part of the segment
+/// the others still matter. Inlined, so that a limit that stays 1 costs nothing.
+#[inline(always)]
+fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl FnMut(usize) -> f64) {
     if tree.nodes.is_empty() {
         return;
     }
@@ -121,16 +146,17 @@ fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl Fn
     // Slabs in f64 with the boxes' f32 corners: widened as in the packet test, in coordinates.
     let slack = 1e-6 * o.abs().max_element().max(1.0);
     let inverse = d.map(|x| 1.0 / if x.abs() < 1e-20 { 1e-20 } else { x });
-    let enters = |node: &Node| {
+    let mut limit = 1.0;
+    let enters = |node: &Node, limit: f64| {
         let low = (Vec3::from(node.min).as_dvec3() - slack - o) * inverse;
         let high = (Vec3::from(node.max).as_dvec3() + slack - o) * inverse;
-        low.min(high).max_element().max(0.0) <= low.max(high).min_element().min(1.0)
+        low.min(high).max_element().max(0.0) <= low.max(high).min_element().min(limit)
     };
     stack.clear();
     stack.push(0);
     while let Some(i) = stack.pop() {
         let node = &tree.nodes[i as usize];
-        if !enters(node) {
+        if !enters(node, limit) {
             continue;
         }
         if node.count == 0 {
@@ -138,7 +164,7 @@ fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl Fn
             continue;
         }
         for k in node.first..node.first + node.count {
-            test(k as usize);
+            limit = test(k as usize);
         }
     }
 }
@@ -178,13 +204,20 @@ impl Shear {
     /// Whether the segment crosses the triangle: passes through it, with its ends strictly on
     /// different sides.
     fn crosses(&self, corners: &[Vec3; 3], from: Vec3, to: Vec3) -> bool {
+        self.sides(corners, from, to).is_some()
+    }
+
+    /// The distances of the ends from the triangle's plane, to scale and of opposite signs, where the segment
+    /// crosses it.
+    #[inline(always)]
+    fn sides(&self, corners: &[Vec3; 3], from: Vec3, to: Vec3) -> Option<[f64; 2]> {
         let [a, b, c] = corners.map(|v| self.point(v));
         let (u, v, w) = (left_of(b, c), left_of(c, a), left_of(a, b));
         if u == 0 || u != v || v != w {
-            return false;
+            return None;
         }
         let (start, end) = (plane_side(corners, from), plane_side(corners, to));
-        (start > 0.0 && end < 0.0) || (start < 0.0 && end > 0.0)
+        ((start > 0.0 && end < 0.0) || (start < 0.0 && end > 0.0)).then_some([start, end])
     }
 }
 
@@ -212,6 +245,7 @@ fn left_of(a: DVec2, b: DVec2) -> i8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Material, Scene};
 
     #[test]
     fn a_segment_through_a_shared_edge_or_vertex_crosses_one_triangle() {
@@ -237,6 +271,43 @@ mod tests {
                 assert_eq!(count, 1, "{target} along {direction}");
             }
         }
+    }
+
+    #[test]
+    fn the_first_of_many_sheets_is_found_from_either_end() {
+        let mut scene = Scene::default();
+        let looks = Material {
+            albedo: [1.0; 3],
+            opacity: 1.0,
+            casts: true,
+            receives: true,
+        };
+        let sheet = |i: usize| {
+            let z = 0.01 * (i * 37 % 100) as f64;
+            [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)].map(|(x, y)| DVec3::new(x, y, z))
+        };
+        for i in 0..100 {
+            let name = i.to_string();
+            scene
+                .add_mesh(&name, sheet(i).to_vec(), &[[0, 1, 2]], looks)
+                .unwrap();
+        }
+        let geometry = scene.geometry().unwrap();
+        let local = |z: f64| geometry.frame.to_local(DVec3::new(0.05, 0.1, z)).as_vec3();
+        for (from, to, z) in [(-0.5, 1.5, 0.0), (1.5, -0.5, 0.99), (0.495, 0.0, 0.49)] {
+            let ends = (local(from), local(to));
+            let found = geometry
+                .occluders()
+                .first_triangle(ends.0, ends.1, &mut Stack::new());
+            let (t, face) = found.unwrap();
+            assert!((from + (to - from) * t - z).abs() < 1e-6, "{t}");
+            assert!((sheet(face as usize)[0].z - z).abs() < 1e-12);
+        }
+        let beside = (local(2.0), local(1.0));
+        let none = geometry
+            .occluders()
+            .first_triangle(beside.0, beside.1, &mut Stack::new());
+        assert!(none.is_none());
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! - [`tree`]: building and refitting, the only file that knows obvhs;
 //! - [`packet`]: which of sixteen segments are blocked by opaque triangles;
 //! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
-//! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance;
+//! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance, and which first;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers.
 //!
 //! A segment from a receiver to a light point is blocked where it passes through a triangle and its
@@ -181,6 +181,18 @@ impl Occluders {
             }
             out[lane] = value;
         }
+    }
+
+    /// The first triangle of any opacity above 0 that a segment crosses, of [`Geometry::faces`], and the part of the
+    /// segment before it.
+    pub fn first_triangle(&self, from: Vec3, to: Vec3, stack: &mut Stack) -> Option<(f64, u32)> {
+        let first = crossing::first_triangle(&self.opaque, from, to, stack);
+        let other = self.transparent.as_ref();
+        let other = other.and_then(|(bvh, _)| crossing::first_triangle(bvh, from, to, stack));
+        first
+            .into_iter()
+            .chain(other)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Bytes of the hierarchies.

@@ -419,6 +419,7 @@ pub(super) struct SsocParameters {
     falloff: String,
     interpolate: bool,
     thin: bool,
+    distorted: bool,
     opacity: Option<String>,
 }
 
@@ -434,6 +435,7 @@ impl SsocParameters {
             falloff,
             self.interpolate,
             self.thin,
+            self.distorted,
             opaque,
         )
     }

@@ -195,7 +195,7 @@ impl Lookup<'_> {
         // A line that is dark on both sides bounds nothing: an outline goes on behind what hides it.
         let dark = |q| {
             let texel = view.texel(q);
-            texel.is_some_and(|texel| Self::hidden_at(maps, texel, receiver))
+            texel.is_some_and(|texel| self.hidden_at(maps, texel, receiver))
         };
         if weight == 0.0 || corner.beside.into_iter().any(dark) {
             return;

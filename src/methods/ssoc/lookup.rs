@@ -11,10 +11,12 @@
 //! tangent plane, each by more than the rounding of coordinates. That leaves no shadow of a surface on itself
 //! at convex and concave creases alike, however large the texel. At a distorted place, what the texel saw must
 //! be nearer to the light than the receiver and in front of its tangent plane; where no edge is known there, also
-//! within the cone of rays from the receiver to the light, `f r (1 / z - 1 / p_z) >= |distortion|`.
+//! within the cone of rays from the receiver to the light, `f r (1 / z - 1 / p_z) >= |distortion|`. With a reference
+//! image (`distorted`), what the distorted ray saw takes its place, and its triangle's plane counts as well.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 
+use super::distorted::Seen;
 use super::falloff::Falloff;
 use super::maps::Maps;
 use crate::geometry::Geometry;
@@ -47,6 +49,24 @@ pub(super) struct Receiver {
     height: f64,
     /// Farthest that a surface counts as the receiver's own.
     slack: f64,
+}
+
+/// A triangle's plane.
+struct Plane {
+    point: DVec3,
+    /// Unit normal, to the light's side.
+    normal: DVec3,
+    /// Distance from the light's centre.
+    towards: f64,
+    /// Twice the triangle's area.
+    double_area: f64,
+}
+
+impl Plane {
+    /// Whether a receiver is on the dark side by more than the slack.
+    fn hides(&self, receiver: &Receiver, slack: f64) -> bool {
+        self.normal.dot(receiver.local - self.point) < -slack
+    }
 }
 
 /// The lookup with its parameters.
@@ -167,51 +187,55 @@ impl Lookup<'_> {
         if triangle == NONE || !Self::in_front(maps, texel, receiver, receiver.slack) {
             return false;
         }
-        let [a, b, c] = self.geometry.corners(triangle).map(|v| v.as_dvec3());
-        let cross = (b - a).cross(c - a);
-        let Some(plane) = cross.try_normalize() else {
+        let Some(plane) = self.plane(maps, triangle) else {
             return false;
         };
-        let view = &maps.view;
-        // Turned to the light.
-        let towards = plane.dot(view.camera.eye - a);
-        let plane = if towards < 0.0 { -plane } else { plane };
-        let slack = receiver.slack + self.roughness(maps, texel, receiver, plane, cross, towards);
-        if plane.dot(receiver.local - a) >= -slack || !Self::in_front(maps, texel, receiver, slack)
-        {
-            return false;
-        }
-        // A plane that is seen almost edge-on may pass over a receiver that is nearer than its triangle.
-        let forward = view.camera.rotation.transpose().z_axis;
-        let depth = |p: DVec3| forward.dot(p - view.camera.eye);
-        let nearest = depth(a).min(depth(b)).min(depth(c));
-        nearest * receiver.inverse_depth < 1.0
+        let slack = receiver.slack + self.roughness(maps, texel, receiver, &plane);
+        plane.hides(receiver, slack)
+            && Self::in_front(maps, texel, receiver, slack)
+            && self.starts_before(maps, triangle, receiver)
+    }
+
+    /// The plane of a triangle, if it has one.
+    fn plane(&self, maps: &Maps, triangle: u32) -> Option<Plane> {
+        let [a, b, c] = self.geometry.corners(triangle).map(|v| v.as_dvec3());
+        let cross = (b - a).cross(c - a);
+        let normal = cross.try_normalize()?;
+        let towards = normal.dot(maps.view.camera.eye - a);
+        Some(Plane {
+            point: a,
+            normal: if towards < 0.0 { -normal } else { normal },
+            towards: towards.abs(),
+            double_area: cross.length(),
+        })
+    }
+
+    /// Whether some of a triangle is nearer than a receiver: a plane that is seen almost edge-on may pass over
+    /// a receiver that is nearer than its triangle.
+    fn starts_before(&self, maps: &Maps, triangle: u32, receiver: &Receiver) -> bool {
+        let camera = &maps.view.camera;
+        let forward = camera.rotation.transpose().z_axis;
+        let depth = |v: Vec3| forward.dot(v.as_dvec3() - camera.eye);
+        let [a, b, c] = self.geometry.corners(triangle).map(depth);
+        a.min(b).min(c) * receiver.inverse_depth < 1.0
     }
 
     /// How far a surface of triangles that are smaller than a texel can stand out over the tangent plane
     /// within it: the part of half a diagonal that a triangle of its size does not cover, on the receiver's
     /// surface, times the sine between the normals.
-    fn roughness(
-        &self,
-        maps: &Maps,
-        texel: usize,
-        receiver: &Receiver,
-        plane: DVec3,
-        cross: DVec3,
-        towards: f64,
-    ) -> f64 {
+    fn roughness(&self, maps: &Maps, texel: usize, receiver: &Receiver, plane: &Plane) -> f64 {
         let view = &maps.view;
         let depth = 1.0 / maps.inverse_depth[texel];
         let d = direction(maps, texel);
         // Area in texels: the triangle's, as seen along the ray, over the squared depth.
-        let seen = 0.5 * cross.length() * towards.abs() / (depth * d.length());
+        let seen = 0.5 * plane.double_area * plane.towards / (depth * d.length());
         let size = seen.sqrt() * view.focal / depth;
         let uncovered = (std::f64::consts::FRAC_1_SQRT_2 - size).max(0.0) * depth / view.focal;
         if uncovered == 0.0 || receiver.normal == DVec3::ZERO {
             return 0.0;
         }
         let normal = view.camera.rotation.transpose() * receiver.normal;
-        let sine = normal.cross(plane).length();
+        let sine = normal.cross(plane.normal).length();
         let apart =
             (view.camera.rotation * (receiver.local - view.camera.eye) - d * depth).length();
         let slope = (receiver.normal.dot(d) / d.length()).abs();
@@ -260,9 +284,24 @@ impl Lookup<'_> {
 
     /// Whether the receiver, moved to a place in the image, is in the hard shadow there.
     #[inline(always)]
-    pub(super) fn hidden_at(maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
+    pub(super) fn hidden_at(&self, maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
+        if let Some(seen) = maps.seen.get(texel) {
+            return self.hides(maps, seen, receiver);
+        }
         maps.inverse_depth[texel] > receiver.inverse_depth
             && Self::in_front(maps, texel, receiver, receiver.slack)
+    }
+
+    /// Whether what a distorted ray sees hides the receiver that was moved to it. The receiver is up to a texel's
+    /// diagonal off the ray: as at its own place, two planes keep its surface from hiding it.
+    fn hides(&self, maps: &Maps, seen: &Seen, receiver: &Receiver) -> bool {
+        let over = receiver.normal.dot(seen.at.extend(1.0));
+        seen.inverse_depth > receiver.inverse_depth
+            && (receiver.normal == DVec3::ZERO
+                || over > seen.inverse_depth * (receiver.height + receiver.slack))
+            && self
+                .plane(maps, seen.triangle)
+                .is_some_and(|plane| plane.hides(receiver, receiver.slack))
     }
 
     /// Figure 5, repeated.
@@ -306,7 +345,7 @@ impl Lookup<'_> {
                 hidden = false;
                 break;
             };
-            hidden = Self::hidden_at(maps, texel, receiver);
+            hidden = self.hidden_at(maps, texel, receiver);
             let next = if hidden {
                 maps.inside[texel]
             } else {
@@ -314,7 +353,11 @@ impl Lookup<'_> {
             };
             if next == NONE {
                 // What is beside the cone to the light hides nothing.
-                let seen = maps.inverse_depth[texel] - receiver.inverse_depth;
+                let inverse_depth = maps
+                    .seen
+                    .get(texel)
+                    .map_or(maps.inverse_depth[texel], |s| s.inverse_depth);
+                let seen = inverse_depth - receiver.inverse_depth;
                 hidden &= here.scale * seen >= distortion || step == 0 && start.0;
                 break;
             }
@@ -355,7 +398,7 @@ impl Lookup<'_> {
         let Some(texel) = maps.view.texel(from) else {
             return 0.0;
         };
-        let hidden = Self::hidden_at(maps, texel, receiver);
+        let hidden = self.hidden_at(maps, texel, receiver);
         let edge = if hidden {
             maps.inside[texel]
         } else {

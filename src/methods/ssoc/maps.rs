@@ -9,6 +9,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::corners::{self, Corner};
+use super::distorted::Seen;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
@@ -126,6 +127,8 @@ pub struct Maps {
     pub inside: Vec<u32>,
     /// Of each texel on their lit side.
     pub outside: Vec<u32>,
+    /// The reference image, what the distorted ray of each texel sees first; empty without ([`Maps::reference`]).
+    pub seen: Vec<Seen>,
 }
 
 impl Maps {
@@ -168,6 +171,7 @@ impl Maps {
             corners: Vec::new(),
             inside: Vec::new(),
             outside: Vec::new(),
+            seen: Vec::new(),
         })
     }
 
@@ -315,6 +319,7 @@ impl Maps {
             + size_of_val(&self.corners[..])
             + size_of_val(&self.inside[..])
             + size_of_val(&self.outside[..])
+            + size_of_val(&self.seen[..])
     }
 }
 

@@ -16,6 +16,7 @@
 //! that they have at the scene's far end.
 
 pub mod corners;
+pub mod distorted;
 pub mod falloff;
 pub mod lookup;
 pub mod maps;
@@ -42,6 +43,9 @@ use maps::Maps;
 /// which are as large again with a distance a side.
 const TEXEL_BYTES: usize = 20 + 36;
 
+/// Those of the reference image.
+const SEEN_BYTES: usize = size_of::<distorted::Seen>();
+
 /// Parameters of the soft shadow occlusion camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ssoc {
@@ -50,6 +54,7 @@ pub struct Ssoc {
     falloff: Falloff,
     interpolate: bool,
     thin: bool,
+    distorted: bool,
     opaque: bool,
 }
 
@@ -66,6 +71,7 @@ impl Ssoc {
         falloff: Falloff,
         interpolate: bool,
         thin: bool,
+        distorted: bool,
         opaque: bool,
     ) -> Result<Self> {
         if !(16..=16384).contains(&resolution) {
@@ -82,6 +88,7 @@ impl Ssoc {
             falloff,
             interpolate,
             thin,
+            distorted,
             opaque,
         })
     }
@@ -104,7 +111,8 @@ impl Ssoc {
             casts[range.start as usize..range.end as usize].fill(true);
         }
         let views = views(light, casters, self.resolution)?;
-        check_memory(&views)?;
+        let more = if self.distorted { SEEN_BYTES } else { 0 };
+        check_memory(&views, TEXEL_BYTES + more)?;
         control.check()?;
         let mut maps = Vec::with_capacity(views.len());
         for view in views {
@@ -120,12 +128,21 @@ impl Ssoc {
         }
         Ok((maps, [shadow, start.elapsed().as_secs_f64() - shadow]))
     }
+
+    /// Finds the reference images of the maps that hold everything that casts; the others are for points behind
+    /// all of the scene, and what is in front of those is in no image of theirs.
+    fn reference(maps: &mut [Maps], casters: &Casters, control: &Control) -> Result<()> {
+        let occluders = casters.geometry().occluders();
+        maps.iter_mut()
+            .filter(|m| m.view.only.is_none())
+            .try_for_each(|m| m.reference(occluders, control))
+    }
 }
 
 /// Asks for all memory of the maps at once, so that what cannot be had is an error.
-fn check_memory(views: &[View]) -> Result<()> {
+fn check_memory(views: &[View], texel_bytes: usize) -> Result<()> {
     let texels: usize = views.iter().map(|v| v.camera.pixels()).sum();
-    let bytes = texels.saturating_mul(TEXEL_BYTES);
+    let bytes = texels.saturating_mul(texel_bytes);
     if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
         return Ok(());
     }
@@ -159,15 +176,21 @@ impl Method for Ssoc {
         casters.connect(false);
         let adjacency = start.elapsed().as_secs_f64();
         let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
+        let mut reference_image = 0.0;
         let mut maps = Vec::with_capacity(lights.len());
         for light in &lights {
             control.check()?;
             let start = Instant::now();
             let edges = casters.silhouettes(light.center(), false);
             silhouettes += start.elapsed().as_secs_f64();
-            let (found, [shadow, distortion]) = self.maps(&casters, &edges, light, control)?;
+            let (mut found, [shadow, distortion]) = self.maps(&casters, &edges, light, control)?;
             shadow_map += shadow;
             distortion_maps += distortion;
+            if self.distorted && !is_point(light) {
+                let start = Instant::now();
+                Ssoc::reference(&mut found, &casters, control)?;
+                reference_image += start.elapsed().as_secs_f64();
+            }
             maps.push(found);
         }
         Ok(Box::new(PreparedSsoc {
@@ -180,6 +203,7 @@ impl Method for Ssoc {
                 ("silhouettes", silhouettes),
                 ("shadow map", shadow_map),
                 ("distortion maps", distortion_maps),
+                ("reference image", reference_image),
             ],
         }))
     }
@@ -282,7 +306,7 @@ mod tests {
 
     fn maps(casters: &Casters, light: &Light) -> Vec<Maps> {
         let light = light.to_local(&casters.geometry().frame);
-        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false).unwrap();
+        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false, false).unwrap();
         let edges = casters.silhouettes(light.center(), false);
         let found = method.maps(casters, &edges, &light, &Control::default());
         found.unwrap().0
@@ -320,6 +344,44 @@ mod tests {
             }
         }
         assert!(known[0] > 1000 && known[1] > 1000, "{known:?}");
+    }
+
+    #[test]
+    fn a_distorted_ray_holds_what_the_lookup_moves_to_its_texel() {
+        let casters = star();
+        let center = DVec3::new(0.1, -0.2, 2.0);
+        let light = Light::disk(center, DVec3::NEG_Z, 0.3, [1.0; 3]).unwrap();
+        let mut all = maps(&casters, &light);
+        Ssoc::reference(&mut all, &casters, &Control::default()).unwrap();
+        assert!(all[1..].iter().all(|m| m.seen.is_empty()));
+        let map = &all[0];
+        let (view, width) = (&map.view, map.view.camera.width as usize);
+        let mut bent = 0;
+        for (texel, seen) in map.seen.iter().enumerate() {
+            let q = DVec2::new((texel % width) as f64, (texel / width) as f64) + 0.5;
+            if seen.inverse_depth == 0.0 || seen.at.distance(view.tangents(q)) < 1e-12 {
+                assert!(seen.inverse_depth == 0.0 || seen.triangle == map.triangle[texel]);
+                continue;
+            }
+            let foot = map.lines[map.outside[texel] as usize].foot(q);
+            let radius = view
+                .outline
+                .radius(foot.normal, view.tangents(foot.point))
+                .0;
+            let w = view.focal * radius * (foot.inverse_near - seen.inverse_depth);
+            // The place of what is seen in the image without distortion, and its distance from the edge.
+            let p = DVec3::from((seen.at, 1.0)) / seen.inverse_depth;
+            let at = view
+                .project(view.camera.eye + view.camera.rotation.transpose() * p)
+                .0;
+            let x = (at - foot.point).dot(foot.normal);
+            // Rays start and end at f32 coordinates of about 1, of 6e-8; a texel is 0.01 wide.
+            let moved = foot.point + foot.normal * (0.5 * (w + x));
+            assert!(moved.distance(q) < 1e-4, "texel {texel}: {moved} {q}");
+            assert!(x.abs() < w + 1e-4);
+            bent += 1;
+        }
+        assert!(bent > 1000, "{bent}");
     }
 
     #[test]
