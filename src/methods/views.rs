@@ -125,6 +125,14 @@ impl View {
         depth > 0.0 && self.texel(q).is_some()
     }
 
+    /// A texel's centre.
+    #[inline(always)]
+    pub fn center(&self, texel: usize) -> DVec2 {
+        // In 32 bits, half as long.
+        let (texel, width) = (texel as u32, self.camera.width);
+        DVec2::new(f64::from(texel % width), f64::from(texel / width)) + 0.5
+    }
+
     /// Index of the texel that holds an image point.
     #[inline(always)]
     pub fn texel(&self, q: DVec2) -> Option<usize> {

@@ -3,7 +3,6 @@
 //! The distance from a corner is not how much of the light it hides: that is the area that both of its lines
 //! cut off together. A lookup that finds either line near a corner takes the other into account, as far as the
 //! silhouette runs about straight on from the corner for as long as the light is wide.
-
 //!
 //! With `A` and `B` the parts that the two lines hide, a convex corner hides `|A ∩ B|` and a reflex one
 //! `|A ∪ B| = |A| + |B| - |A ∩ B|`, in closed form ([`Cut::both`]): the same from whichever line it is found, and

@@ -58,8 +58,7 @@ impl Maps {
     /// What the ray of a texel sees first.
     fn first(&self, occluders: &Occluders, texel: usize, stack: &mut Stack) -> Seen {
         let view = &self.view;
-        let width = view.camera.width as usize;
-        let q = DVec2::new((texel % width) as f64, (texel / width) as f64) + 0.5;
+        let q = view.center(texel);
         let straight = Seen {
             at: view.tangents(q),
             inverse_depth: self.inverse_depth[texel],

@@ -51,6 +51,14 @@ pub(super) struct Receiver {
     slack: f64,
 }
 
+impl Receiver {
+    /// Whether the point along a direction of depth 1 is over the receiver's tangent plane by more than the slack.
+    #[inline(always)]
+    fn is_below(&self, direction: DVec3, inverse_depth: f64, slack: f64) -> bool {
+        self.normal.dot(direction) > inverse_depth * (self.height + slack)
+    }
+}
+
 /// A triangle's plane.
 struct Plane {
     point: DVec3,
@@ -134,11 +142,10 @@ impl Lookup<'_> {
             .map(|(i, j)| (base + DVec2::new(i, j)).max(DVec2::ZERO).min(last));
         let texels = places.map(|at| at.y as usize * view.camera.width as usize + at.x as usize);
         // Most receivers: all four texels saw what hides nothing of theirs, far from any edge.
-        let limit = receiver.height + receiver.slack;
         let free = |i: usize| {
             let d = view.tangents(places[i] + 0.5).extend(1.0);
-            let over = receiver.normal.dot(d);
-            over <= maps.inverse_depth[texels[i]] * limit && maps.outside[texels[i]] == NONE
+            !receiver.is_below(d, maps.inverse_depth[texels[i]], receiver.slack)
+                && maps.outside[texels[i]] == NONE
         };
         if n != DVec3::ZERO && (0..4).all(free) {
             return Some(1.0);
@@ -173,11 +180,8 @@ impl Lookup<'_> {
 
     /// Whether the point that a texel saw is in front of the receiver's tangent plane by more than the slack.
     fn in_front(maps: &Maps, texel: usize, receiver: &Receiver, slack: f64) -> bool {
-        if receiver.normal == DVec3::ZERO {
-            return true;
-        }
-        let over = receiver.normal.dot(direction(maps, texel));
-        over > maps.inverse_depth[texel] * (receiver.height + slack)
+        receiver.normal == DVec3::ZERO
+            || receiver.is_below(direction(maps, texel), maps.inverse_depth[texel], slack)
     }
 
     /// Whether the surface at a receiver's own texel, or a neighbour's, hides it from the light's centre.
@@ -254,7 +258,7 @@ impl Lookup<'_> {
         let x = (receiver.at - foot.point).dot(foot.normal);
         // An edge of the receiver's own surface is in front of it by rounding at most.
         let d = view.tangents(foot.point).extend(1.0);
-        let over = receiver.normal.dot(d) > foot.inverse_near * (receiver.height + receiver.slack);
+        let over = receiver.is_below(d, foot.inverse_near, receiver.slack);
         let before = if receiver.normal == DVec3::ZERO {
             foot.inverse_near * (1.0 - receiver.slack * receiver.inverse_depth)
                 > receiver.inverse_depth
@@ -295,10 +299,9 @@ impl Lookup<'_> {
     /// Whether what a distorted ray sees hides the receiver that was moved to it. The receiver is up to a texel's
     /// diagonal off the ray: as at its own place, two planes keep its surface from hiding it.
     fn hides(&self, maps: &Maps, seen: &Seen, receiver: &Receiver) -> bool {
-        let over = receiver.normal.dot(seen.at.extend(1.0));
         seen.inverse_depth > receiver.inverse_depth
             && (receiver.normal == DVec3::ZERO
-                || over > seen.inverse_depth * (receiver.height + receiver.slack))
+                || receiver.is_below(seen.at.extend(1.0), seen.inverse_depth, receiver.slack))
             && self
                 .plane(maps, seen.triangle)
                 .is_some_and(|plane| plane.hides(receiver, receiver.slack))
@@ -447,8 +450,5 @@ impl Penumbra {
 /// Direction through a texel's centre, of depth 1, in the view's coordinates.
 #[inline(always)]
 fn direction(maps: &Maps, texel: usize) -> DVec3 {
-    // In 32 bits, half as long.
-    let (texel, width) = (texel as u32, maps.view.camera.width);
-    let center = DVec2::new(f64::from(texel % width), f64::from(texel / width)) + 0.5;
-    maps.view.tangents(center).extend(1.0)
+    maps.view.tangents(maps.view.center(texel)).extend(1.0)
 }

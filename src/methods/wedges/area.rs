@@ -66,16 +66,15 @@ fn in_front(light: &Light, ends: [DVec3; 2]) -> Option<[DVec3; 2]> {
 
 /// Prepares edges with their planes; those behind a flat light do not count.
 pub fn area_edges(edges: &[Edge], planes: &[Quad], light: &Light) -> Vec<AreaEdge> {
-    let part = |edge: &Edge| in_front(light, edge.ends);
+    let parts: Vec<_> = (edges.par_iter().map(|e| in_front(light, e.ends))).collect();
     let one = |i: usize| {
         let (edge, plane) = (&edges[i], &planes[i]);
-        let visible = part(edge);
-        let weight = |layers: i32| visible.map_or(0.0, |_| layers as f32);
-        let ends = visible.unwrap_or(edge.ends);
-        let before = i.checked_sub(1).map(|i| &edges[i]);
-        let follows = before.is_some_and(|e| {
+        let weight = |layers: i32| parts[i].map_or(0.0, |_| layers as f32);
+        let ends = parts[i].unwrap_or(edge.ends);
+        let follows = i.checked_sub(1).is_some_and(|before| {
+            let e = &edges[before];
             (e.object, e.front, e.back) == (edge.object, edge.front, edge.back)
-                && part(e).is_some_and(|[_, end]| end == ends[0])
+                && parts[before].is_some_and(|[_, end]| end == ends[0])
         });
         AreaEdge {
             ends: ends.map(|v| Split::new(v.to_array())),
