@@ -210,7 +210,7 @@ impl Light {
     /// Irradiance at `p` from the whole light with radiance 1, without occluders.
     ///
     /// Lambert's contour formula, the contour clipped by the tangent plane: straight edges for a
-    /// rectangle, a circle's arc for a disk; a sphere is the disk that its outline spans.
+    /// rectangle, a circle's arc for a disk; a sphere is the disk that its outline spans, seen along its axis.
     pub fn unshadowed_irradiance(&self, p: DVec3, n: DVec3) -> f64 {
         if !self.emits_towards(p) {
             return 0.0;
@@ -227,10 +227,7 @@ impl Light {
                 if height >= radius {
                     return contour::sphere_irradiance(radius, distance, height);
                 }
-                let axis = d / distance;
-                let sin = radius / distance;
-                let cos = (1.0 - sin * sin).max(0.0).sqrt();
-                disk_irradiance(axis * cos, -axis, sin, n)
+                cut_sphere_irradiance(radius, distance, height)
             }
         };
         value.max(0.0)
@@ -359,6 +356,42 @@ fn cap_fraction_above(cos: f64, sin: f64) -> f64 {
     // 1 - cos, without cancellation for a small cap.
     let full = TAU * (sin * sin / (1.0 + cap_cos));
     (area / full).clamp(0.0, 1.0)
+}
+
+/// Irradiance from a sphere of radiance 1 that the tangent plane cuts; `height` is that of its centre.
+///
+/// With `σ` the half-angle of its cone, `θ` the angle between axis and normal and `y = -cot θ cot σ`, Lambert's
+/// contour integral over the circle's arc and the chord is
+///
+/// ```text
+///     sin²σ cos θ acos y - sin σ cos σ t + atan(tan σ t),    t = sin θ √(1 - y²)
+/// ```
+fn cut_sphere_irradiance(radius: f64, distance: f64, height: f64) -> f64 {
+    let (sin, cos_axis) = (radius / distance, height / distance);
+    if cos_axis <= -sin {
+        return 0.0;
+    }
+    let cos = ((1.0 - sin) * (1.0 + sin)).max(0.0).sqrt();
+    let sin_axis = ((1.0 - cos_axis) * (1.0 + cos_axis)).max(f64::MIN_POSITIVE);
+    let sin_axis = sin_axis.sqrt();
+    let y = (-cos_axis * cos / (sin_axis * sin)).clamp(-1.0, 1.0);
+    let across = sin * sin_axis * ((1.0 - y) * (1.0 + y)).sqrt();
+    let arc = sin * sin * cos_axis * y.acos();
+    if 4.0 * across < cos {
+        // Of a small sphere the last two terms cancel to their third powers.
+        let w = across / cos;
+        return arc + sin * sin * w - beyond_arctangent(w);
+    }
+    arc - cos * across + across.atan2(cos)
+}
+
+/// `w - atan w` for `w` up to a quarter, by its series.
+fn beyond_arctangent(w: f64) -> f64 {
+    let z = w * w;
+    let sum = (0..14)
+        .rev()
+        .fold(0.0, |sum, k| 1.0 / f64::from(2 * k + 3) - z * sum);
+    w * z * sum
 }
 
 /// Irradiance from a disk of radiance 1 with centre `d` (from the receiver), unit normal `m` and
@@ -514,6 +547,32 @@ mod tests {
                 let h = light.fraction_above(p, n);
                 assert!((h - above).abs() < 3e-3, "{light:?} {n}: {h} {above}");
             }
+        }
+    }
+
+    #[test]
+    fn a_sphere_that_the_tangent_plane_cuts_is_the_disk_that_its_outline_spans() {
+        for sin in [1e-8f64, 1e-5, 1e-3, 0.02, 0.2, 0.24, 0.26, 0.5, 0.9, 0.999] {
+            for part in [-0.999, -0.7, -0.2, 0.0, 0.3, 0.8, 0.999] {
+                let cos_axis = part * sin;
+                let axis = DVec3::new((1.0 - cos_axis * cos_axis).sqrt(), 0.0, cos_axis);
+                let cos = (1.0 - sin * sin).sqrt();
+                let disk = disk_irradiance(axis * cos, -axis, sin, DVec3::Z);
+                let sphere = cut_sphere_irradiance(sin, 1.0, cos_axis);
+                // Of the same size seen from the front; the disk's chord and arc cancel as the terms here would
+                // without their series: to ulps of the sine, while the light falls with its square.
+                let all = PI * sin * sin;
+                let tolerance = (1e-14 + 2.0 * f64::EPSILON / sin) * all;
+                assert!(
+                    (sphere - disk).abs() < tolerance,
+                    "{sin} {part}: {sphere} {disk}"
+                );
+            }
+        }
+        // Half of it above: (σ - sin σ cos σ), of a small one 2/3 σ³ but for 1/5 σ².
+        for sin in [1e-9, 1e-6, 1e-4] {
+            let got = cut_sphere_irradiance(sin, 1.0, 0.0);
+            assert!((got / (2.0 / 3.0 * sin.powi(3)) - 1.0).abs() < 1e-14 + sin * sin);
         }
     }
 
