@@ -205,6 +205,7 @@ impl Geometry {
     }
 
     /// Corners of a triangle.
+    #[inline]
     pub fn corners(&self, face: u32) -> [Vec3; 3] {
         self.faces[face as usize].map(|v| self.positions[v as usize])
     }
@@ -212,6 +213,14 @@ impl Geometry {
     /// The mesh that a triangle belongs to.
     pub fn mesh_of(&self, face: u32) -> &MeshRange {
         &self.meshes[self.meshes.partition_point(|m| m.first_face <= face) - 1]
+    }
+
+    /// As [`Geometry::mesh_of`], of triangles that mostly belong to the mesh of the one before.
+    pub fn mesh_after<'a>(&'a self, last: &mut Option<&'a MeshRange>, face: u32) -> &'a MeshRange {
+        match *last {
+            Some(mesh) if face.wrapping_sub(mesh.first_face) < mesh.faces => mesh,
+            _ => last.insert(self.mesh_of(face)),
+        }
     }
 
     /// The material of an entry.

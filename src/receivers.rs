@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::{Frame, Geometry, Sphere};
+use crate::geometry::{Frame, Geometry, MeshRange, Sphere};
 use crate::mesh::check_finite;
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::{TILE, filled, rasterize};
@@ -170,12 +170,16 @@ pub enum Hit {
 }
 
 impl Hit {
-    /// The entry hit, and the face or sphere within it.
-    pub fn entry(&self, geometry: &Geometry) -> Option<(u32, u32)> {
+    /// The entry hit, and the face or sphere within it; `last` is the mesh that the pixel before met.
+    pub fn entry<'a>(
+        &self,
+        geometry: &'a Geometry,
+        last: &mut Option<&'a MeshRange>,
+    ) -> Option<(u32, u32)> {
         match *self {
             Hit::Nothing => None,
             Hit::Triangle(f) => {
-                let mesh = geometry.mesh_of(f);
+                let mesh = geometry.mesh_after(last, f);
                 Some((mesh.entry, f - mesh.first_face))
             }
             Hit::Sphere(s) => {

@@ -1,5 +1,6 @@
 //! From visibility to radiance, the same for all methods.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::Geometry;
@@ -21,17 +22,21 @@ pub fn unshadow(
     if geometry.materials.iter().all(|m| m.receives) {
         return;
     }
-    for i in 0..receivers.len() {
-        let Some((entry, _)) = surface.hit[receivers.index[i] as usize].entry(geometry) else {
-            continue;
-        };
-        if !geometry.material(entry).receives {
-            let (p, n) = (receivers.positions[i], receivers.normals[i]);
-            shading.visibility[i] = light.fraction_above(p, n) as f32;
-            if let Some(irradiance) = &mut shading.irradiance {
-                irradiance[i] = light.unshadowed_irradiance(p, n) as f32;
+    let unshadowed = |(chunk, values): (usize, &mut [f32]), of: &dyn Fn(DVec3, DVec3) -> f64| {
+        let mut last = None;
+        for (i, value) in (chunk * CHUNK..).zip(values) {
+            let hit = surface.hit[receivers.index[i] as usize];
+            let entry = hit.entry(geometry, &mut last);
+            if entry.is_some_and(|(entry, _)| !geometry.material(entry).receives) {
+                *value = of(receivers.positions[i], receivers.normals[i]) as f32;
             }
         }
+    };
+    let chunks = shading.visibility.par_chunks_mut(CHUNK).enumerate();
+    chunks.for_each(|chunk| unshadowed(chunk, &|p, n| light.fraction_above(p, n)));
+    if let Some(irradiance) = &mut shading.irradiance {
+        let chunks = irradiance.par_chunks_mut(CHUNK).enumerate();
+        chunks.for_each(|chunk| unshadowed(chunk, &|p, n| light.unshadowed_irradiance(p, n)));
     }
 }
 

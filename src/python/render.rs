@@ -257,9 +257,10 @@ impl Ready {
                 let (chunk, normal) = chunk;
                 let (chunk, position) = chunk;
                 let (radiance, mask) = chunk;
+                let mut last = None;
                 for i in before(row)..before(row + 1) {
                     let pixel = receivers.index[i] as usize;
-                    let Some((entry, part)) = surface.hit[pixel].entry(geometry) else {
+                    let Some((entry, part)) = surface.hit[pixel].entry(geometry, &mut last) else {
                         continue;
                     };
                     let x = pixel - row * rows;
