@@ -1,10 +1,10 @@
-//! The pixels that triangles cover, row by row and without depth: for flattened shadows, which are drawn
-//! hundreds of times a texture.
+//! The pixels that triangles and convex quadrilaterals cover, row by row and without depth: for flattened shadows,
+//! which are drawn hundreds of times a texture, and for the sides of shadow volumes.
 //!
 //! The same pixels as [`super::rasterize`] finds, from the same edge functions. Where a row's pixel is
 //! farther from all edges than rounding can be wrong by, it is inside or outside without being looked at;
-//! the others, a few in a million, are decided by the edge functions. One thread draws an image: callers
-//! have many to draw at once.
+//! the others, a few in a million, are decided by the edge functions. [`cover`] draws an image with one thread:
+//! its callers have many to draw at once.
 
 use glam::DVec3;
 
@@ -93,84 +93,147 @@ pub fn cover_facing(
     }
 }
 
-/// Where edges of one side cross rows.
+/// Where edges of one side of a polygon with `N` corners cross rows.
 #[derive(Clone, Copy)]
-struct Crossings {
+struct Crossings<const N: usize> {
     /// Column in row 0, and its change from row to row.
-    lines: [[f64; 2]; 2],
+    lines: [[f64; 2]; N],
     /// There may be none, at infinity.
     count: usize,
 }
 
-impl Crossings {
+impl<const N: usize> Crossings<N> {
     #[inline(always)]
     fn push(&mut self, line: [f64; 2]) {
-        // Three edges around an area are never on one side; were they, the last would not be looked at, and
+        // Edges around an area are never all on one side; were they, the last would not be looked at, and
         // the exact test would.
-        self.lines[self.count.min(1)] = line;
+        self.lines[self.count.min(N - 2)] = line;
         self.count += 1;
     }
 
     /// The largest column of a row, with `sign` -1 the smallest.
     #[inline(always)]
     fn at(&self, row: f64, sign: f64) -> f64 {
-        let x = |i: usize| self.lines[i][0] + self.lines[i][1] * row;
-        let first = x(0);
-        if self.count < 2 {
-            return first;
+        let mut x = self.lines[0][0] + self.lines[0][1] * row;
+        for i in 1..N - 1 {
+            if i < self.count {
+                let other = self.lines[i][0] + self.lines[i][1] * row;
+                x = if sign * other > sign * x { other } else { x };
+            }
         }
-        let second = x(1);
-        if sign * second > sign * first {
-            second
-        } else {
-            first
-        }
+        x
     }
 }
 
-/// The rows of pixels of a triangle, ready to be drawn.
+/// The rows of pixels of a convex polygon with `N` corners, ready to be drawn.
 #[derive(Clone, Copy)]
-pub(super) struct Rows {
-    edges: [EdgeFunction; 3],
-    lefts: Crossings,
-    rights: Crossings,
+pub(super) struct Rows<const N: usize> {
+    edges: [EdgeFunction; N],
+    lefts: Crossings<N>,
+    rights: Crossings<N>,
     /// More than the crossings can be wrong by.
     margin: f64,
     /// Whether they say anything; otherwise every pixel of a row is in doubt.
     clear: bool,
-    low: [u32; 2],
-    high: [u32; 2],
+    pub(super) low: [u32; 2],
+    pub(super) high: [u32; 2],
 }
 
-impl Rows {
-    /// The parts of a triangle before the near plane, of points for each of which [`super::project`] was
-    /// called.
-    pub(super) fn new(
-        face: &[u32; 3],
+/// Corners of a convex quadrilateral, in order. A triangle names its last corner twice; what is not convex in
+/// the image, or is cut by the near plane, is drawn as the two triangles that the first and the third corner
+/// part it into.
+pub type Quadrilateral = [u32; 4];
+
+/// A triangle as a [`Quadrilateral`].
+pub fn triangle([a, b, c]: [u32; 3]) -> Quadrilateral {
+    [a, b, c, c]
+}
+
+impl Rows<4> {
+    /// Calls `part` for what is drawn of `face`, of points for each of which [`super::project`] was called.
+    pub(super) fn each(
+        face: &Quadrilateral,
         points: &[DVec3],
         bounds: &[Bounds],
         camera: &Camera,
-    ) -> [Option<Rows>; 2] {
-        if !setup::is_in_front(face, points) {
-            let parts = setup::clipped(face, points, camera);
-            return parts.map(|s| s.and_then(|s| Rows::of(s.edges, s.low, s.high)));
-        }
-        let rows = setup::pixels(face, points, bounds, camera).and_then(|(low, high)| {
-            let mut corners = face.map(|v| {
+        mut part: impl FnMut(Self),
+    ) {
+        let [a, b, c, d] = *face;
+        if c != d && face.iter().all(|&v| points[v as usize].z >= NEAR) {
+            let corners = face.map(|v| {
                 let p = points[v as usize];
                 [p.x / p.z, p.y / p.z]
             });
-            setup::wind(&mut corners)?;
-            Rows::of(setup::edges(&corners), low, high)
-        });
-        [rows, None]
+            if let Some(edges) = setup::convex_edges(&corners) {
+                let within = face.map(|v| bounds[v as usize]);
+                let within = within.into_iter().reduce(Bounds::and);
+                let rows = within
+                    .and_then(Bounds::pixels)
+                    .and_then(|(low, high)| Rows::of(edges, low, high));
+                rows.into_iter().for_each(part);
+                return;
+            }
+        }
+        let halves = [[a, b, c], [a, c, d]];
+        for half in &halves[..1 + usize::from(c != d)] {
+            // An edge that is looked at twice changes nothing.
+            let rows = |[a, b, c]: [EdgeFunction; 3], low, high| Rows::of([a, b, c, c], low, high);
+            if setup::is_in_front(half, points) {
+                let Some((low, high)) = setup::pixels(half, points, bounds, camera) else {
+                    continue;
+                };
+                let mut corners = half.map(|v| {
+                    let p = points[v as usize];
+                    [p.x / p.z, p.y / p.z]
+                });
+                if setup::wind(&mut corners).is_some() {
+                    rows(setup::edges(&corners), low, high)
+                        .into_iter()
+                        .for_each(&mut part);
+                }
+            } else {
+                for s in setup::clipped(half, points, camera).iter().flatten() {
+                    rows(s.edges, s.low, s.high).into_iter().for_each(&mut part);
+                }
+            }
+        }
     }
 
-    /// Of the pixels inside three edges, between `low` and `high`.
+    /// Columns that can be covered in the rows from `top` to `bottom`.
+    pub(super) fn columns(&self, top: u32, bottom: u32) -> [u32; 2] {
+        let (mut low, mut high) = (f64::from(self.low[0]), f64::from(self.high[0]));
+        if self.clear {
+            // Each line's own extreme over the rows bounds what the lines together bound.
+            for &[first, slope] in &self.lefts.lines[..self.lefts.count] {
+                let [x0, x1] = [top, bottom].map(|row| first + slope * f64::from(row));
+                low = larger(smaller(x0, x1) - self.margin, low);
+            }
+            for &[first, slope] in &self.rights.lines[..self.rights.count] {
+                let [x0, x1] = [top, bottom].map(|row| first + slope * f64::from(row));
+                high = smaller(larger(x0, x1) + self.margin, high);
+            }
+        }
+        [low as u32, high.max(0.0) as u32]
+    }
+
+    /// Calls `span(row, first, last)` for the pixels in each row of a tile.
     #[inline(always)]
-    fn of(edges: [EdgeFunction; 3], low: [u32; 2], high: [u32; 2]) -> Option<Self> {
+    pub(super) fn within(&self, tile: Tile, span: impl FnMut(u32, u32, u32)) {
+        let low = [self.low[0].max(tile.x), self.low[1].max(tile.y)];
+        let end = [tile.x + tile.width - 1, tile.y + tile.height - 1];
+        let high = [self.high[0].min(end[0]), self.high[1].min(end[1])];
+        if low[0] <= high[0] {
+            self.spans(low, high, span);
+        }
+    }
+}
+
+impl<const N: usize> Rows<N> {
+    /// Of the pixels inside the edges, between `low` and `high`.
+    #[inline(always)]
+    fn of(edges: [EdgeFunction; N], low: [u32; 2], high: [u32; 2]) -> Option<Self> {
         let none = |x: f64| Crossings {
-            lines: [[x, 0.0]; 2],
+            lines: [[x, 0.0]; N],
             count: 0,
         };
         let mut rows = Rows {
@@ -207,19 +270,9 @@ impl Rows {
                 wrong
             };
         }
-        rows.clear = rows.margin < 0.25 && rows.lefts.count <= 2 && rows.rights.count <= 2;
+        let few = |side: &Crossings<N>| side.count < N;
+        rows.clear = rows.margin < 0.25 && few(&rows.lefts) && few(&rows.rights);
         Some(rows)
-    }
-
-    /// Calls `span(row, first, last)` for the pixels in each row of a tile.
-    #[inline(always)]
-    pub(super) fn within(&self, tile: Tile, span: impl FnMut(u32, u32, u32)) {
-        let low = [self.low[0].max(tile.x), self.low[1].max(tile.y)];
-        let end = [tile.x + tile.width - 1, tile.y + tile.height - 1];
-        let high = [self.high[0].min(end[0]), self.high[1].min(end[1])];
-        if low[0] <= high[0] {
-            self.spans(low, high, span);
-        }
     }
 
     /// Calls `span(row, first, last)` for the pixels in each row, between `low` and `high`.
@@ -259,7 +312,7 @@ impl Rows {
 /// Rows of which every pixel is looked at: of slivers that lie along a row.
 #[cold]
 fn spans_in_doubt(
-    edges: &[EdgeFunction; 3],
+    edges: &[EdgeFunction],
     low: [u32; 2],
     high: [u32; 2],
     span: &mut dyn FnMut(u32, u32, u32),
@@ -422,6 +475,66 @@ mod tests {
             }
         }
         assert!(covered > 100_000, "{covered}");
+    }
+
+    /// Counts how often a pixel is covered.
+    struct Times(Tile, Vec<u32>);
+
+    impl super::super::Cover for Times {
+        fn row(&mut self, y: u32, first: u32, last: u32, _face: u32) {
+            let from = (y - self.0.y) * self.0.width;
+            for x in first..=last {
+                self.1[(from + x - self.0.x) as usize] += 1;
+            }
+        }
+    }
+
+    #[test]
+    fn a_quadrilateral_covers_what_its_two_triangles_do() {
+        let k = DMat3::from_cols_array(&[60.0, 0.0, 0.0, 0.0, 60.0, 0.0, 70.0, 30.0, 1.0]);
+        let camera = Camera::new(k, DMat3::IDENTITY, DVec3::ZERO, 140, 70).unwrap();
+        let mut random = Random(11);
+        let (mut covered, mut convex) = (0, 0);
+        for round in 0..3000 {
+            let spread = [0.3, 3.0, 60.0][round % 3];
+            // Corners of a plane, some on pixels' centres, some quadrilaterals not convex or behind the eye.
+            let slope = [random.next() - 0.5, random.next() - 0.5];
+            let p = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[u, v]: [f64; 2]| {
+                let mut at = [u, v].map(|c| 0.5 * spread * (c + 2.2 * (random.next() - 0.5)));
+                if round % 2 == 0 {
+                    at = at.map(|c| (c * 60.0).floor() / 60.0 + 0.5 / 60.0);
+                }
+                let z = 1.0
+                    + if round % 5 == 0 {
+                        slope[0] * at[0] + slope[1] * at[1]
+                    } else {
+                        0.0
+                    };
+                DVec3::new(at[0] * z.abs(), at[1] * z.abs(), z)
+            });
+            let (points, bounds): (Vec<_>, Vec<_>) = p
+                .iter()
+                .map(|&p| crate::raster::project(p, &camera))
+                .unzip();
+            let times = |faces: &[Quadrilateral]| {
+                let make = |tile: Tile| Times(tile, vec![0; (tile.width * tile.height) as usize]);
+                let quiet = Control::default();
+                let tiles =
+                    super::super::cover_projected(&points, &bounds, faces, &camera, &quiet, make);
+                let tiles = tiles.unwrap();
+                tiles.into_iter().flat_map(|(_, t)| t.1).collect::<Vec<_>>()
+            };
+            let once = times(&[[0, 1, 2, 3]]);
+            let halves = times(&[triangle([0, 1, 2]), triangle([0, 2, 3])]);
+            assert_eq!(once, halves, "round {round}: {p:?}");
+            covered += once.iter().sum::<u32>();
+            let corners = p.map(|p| [p.x / p.z, p.y / p.z]);
+            convex += usize::from(setup::convex_edges(&corners).is_some());
+        }
+        assert!(
+            covered > 100_000 && (500..2500).contains(&convex),
+            "{covered} {convex}"
+        );
     }
 
     #[test]

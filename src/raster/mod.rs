@@ -22,7 +22,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
 use crate::simd::{Lanes, detect, dispatch};
-use coverage::Rows;
+use coverage::{Quadrilateral, Rows};
 use setup::{Block, Bounds, Outline, SHAPES, Setup};
 
 /// Pixels in a span, the unit that sinks receive.
@@ -139,41 +139,76 @@ pub fn rasterize_projected<S: Sink>(
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
     let chunks = bins(points, bounds, faces, keep, camera, control)?;
-    each_tile(&chunks, camera, control, make, |triangles, tile, sink| {
-        fill(faces, points, triangles, camera, tile, sink);
+    each_tile(camera, control, make, |index, tile, sink| {
+        for chunk in &chunks {
+            fill(faces, points, chunk.of(index), camera, tile, sink);
+        }
     })
 }
 
-/// As [`rasterize_projected`], without depth, for triangles that mostly lie in many tiles: spans start at the
-/// first covered pixel of a row, and their inverse depths are 0.
+/// What becomes of the pixels that polygons cover in one tile.
+pub trait Cover: Send {
+    /// Takes the pixels of row `y` from column `first` to `last`, covered by `face`. Faces arrive in the order of
+    /// their indices, some in several parts.
+    fn row(&mut self, y: u32, first: u32, last: u32, face: u32);
+
+    /// Whether the tile needs the pixels of a face at all; asked before each of its parts comes.
+    fn wants(&mut self, _face: u32) -> bool {
+        true
+    }
+}
+
+/// The parts of some polygons, with their faces, by tile.
+struct Parts {
+    rows: Vec<(u32, Rows<4>)>,
+    bins: Bins,
+}
+
+/// Polygons that one task sets up: long ones, of which a scene has thousands.
+const POLYGONS: usize = 512;
+
+/// The pixels that convex polygons cover, without depth, of points for each of which [`project`] was called;
+/// for polygons that mostly lie in many tiles.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
-pub fn cover_projected<S: Sink>(
+pub fn cover_projected<S: Cover>(
     points: &[DVec3],
     bounds: &[Bounds],
-    faces: &[[u32; 3]],
+    faces: &[Quadrilateral],
     camera: &Camera,
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
-    let chunks = bins(points, bounds, faces, |_| true, camera, control)?;
-    let rows: Vec<_> = faces
-        .par_iter()
-        .map(|face| Rows::new(face, points, bounds, camera))
-        .collect();
-    each_tile(&chunks, camera, control, make, |triangles, tile, sink| {
-        for &triangle in triangles {
-            if !sink.wants(triangle) {
-                continue;
-            }
-            for rows in rows[triangle as usize].iter().flatten() {
-                rows.within(tile, |y, first, last| {
-                    for x in (first..=last).step_by(SPAN) {
-                        let mask = u8::MAX >> (SPAN as u32 - (last - x + 1).min(SPAN as u32));
-                        sink.span(x, y, mask, &[0.0; SPAN], triangle);
-                    }
-                });
+    let (columns, tiles) = (camera.width.div_ceil(TILE), tile_count(camera));
+    let parts = |(chunk, faces): (usize, &[Quadrilateral])| {
+        let (mut rows, mut pairs) = (Vec::with_capacity(faces.len()), Vec::new());
+        for (i, face) in faces.iter().enumerate() {
+            let id = (chunk * POLYGONS + i) as u32;
+            Rows::each(face, points, bounds, camera, |part| {
+                for ty in part.low[1] / TILE..=part.high[1] / TILE {
+                    // A long sliver lies in few of the tiles of its bounds.
+                    let (top, bottom) = (ty * TILE, ty * TILE + TILE - 1);
+                    let (top, bottom) = (top.max(part.low[1]), bottom.min(part.high[1]));
+                    let [first, last] = part.columns(top, bottom).map(|x| x / TILE);
+                    let place = rows.len() as u32;
+                    pairs.extend((first..=last).map(|tx| (ty * columns + tx, place)));
+                }
+                rows.push((id, part));
+            });
+        }
+        let bins = Bins::new(&pairs, tiles);
+        Parts { rows, bins }
+    };
+    let chunks: Vec<_> = faces.par_chunks(POLYGONS).enumerate().map(parts).collect();
+    control.check()?;
+    each_tile(camera, control, make, |index, tile, sink| {
+        for chunk in &chunks {
+            for &place in chunk.bins.of(index) {
+                let (face, rows) = &chunk.rows[place as usize];
+                if sink.wants(*face) {
+                    rows.within(tile, |y, first, last| sink.row(y, first, last, *face));
+                }
             }
         }
     })
@@ -224,13 +259,12 @@ fn bins(
         .collect()
 }
 
-/// Makes every tile's sink and lets `draw` draw its triangles into it.
-fn each_tile<S: Sink>(
-    chunks: &[Bins],
+/// Makes every tile's sink and lets `draw(number, tile, sink)` draw into it.
+fn each_tile<S: Send>(
     camera: &Camera,
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
-    draw: impl Fn(&[u32], Tile, &mut S) + Sync,
+    draw: impl Fn(usize, Tile, &mut S) + Sync,
 ) -> Result<Vec<(Tile, S)>> {
     let columns = camera.width.div_ceil(TILE);
     (0..tile_count(camera))
@@ -245,9 +279,7 @@ fn each_tile<S: Sink>(
                 height: TILE.min(camera.height - y),
             };
             let mut sink = make(tile);
-            for chunk in chunks {
-                draw(chunk.of(index), tile, &mut sink);
-            }
+            draw(index, tile, &mut sink);
             Ok((tile, sink))
         })
         .collect()

@@ -498,6 +498,26 @@ pub(super) fn wind<const N: usize>(s: &mut [[f64; N]; 3]) -> Option<bool> {
     Some(area < 0.0)
 }
 
+/// The edges of a quadrilateral, of positive area, whose corners are all convex; `None` if one is not.
+pub(super) fn convex_edges(corners: &[[f64; 2]; 4]) -> Option<[EdgeFunction; 4]> {
+    let c = |i: usize| {
+        let [x, y] = corners[i % 4];
+        robust::Coord { x, y }
+    };
+    let turn = |i: usize| robust::orient2d(c(i), c(i + 1), c(i + 2));
+    let first = turn(0);
+    let same = |i: usize| turn(i) * first.signum() > 0.0;
+    if !(first != 0.0 && first.is_finite() && (1..4).all(same)) {
+        return None;
+    }
+    let [p, q, r, s] = corners;
+    Some(if first > 0.0 {
+        [edge(p, q), edge(q, r), edge(r, s), edge(s, p)]
+    } else {
+        [edge(p, s), edge(s, r), edge(r, q), edge(q, p)]
+    })
+}
+
 /// The edges of a triangle of positive area.
 #[inline(always)]
 pub(super) fn edges<const N: usize>(s: &[[f64; N]; 3]) -> [EdgeFunction; 3] {

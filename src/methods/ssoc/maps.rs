@@ -15,9 +15,10 @@ use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::methods::views::View;
 use crate::methods::wedges::contour::{Casters, Edge};
+use crate::raster::coverage::{self, Quadrilateral};
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::setup::{Bounds, NEAR};
-use crate::raster::{SPAN, Sink, Tile, cover_projected, image, rasterize};
+use crate::raster::{Cover, Tile, cover_projected, image, rasterize};
 
 /// Texels that an edge reaches beyond its penumbra: a lookup's neighbours are up to one away in each
 /// direction.
@@ -371,7 +372,7 @@ fn ends(lines: &[Line]) -> (Vec<[u32; 2]>, Vec<(u32, bool)>) {
 struct Drawing {
     points: Vec<DVec3>,
     bounds: Vec<Bounds>,
-    faces: Vec<[u32; 3]>,
+    faces: Vec<Quadrilateral>,
     line_of: Vec<u32>,
 }
 
@@ -382,8 +383,10 @@ impl Drawing {
             let side = line.normal() * line.reach;
             let end = line.start + line.along * line.length;
             let corners = [line.start - side, end - side, end + side, line.start + side];
-            out.triangle(i as u32, [corners[0], corners[1], corners[2]]);
-            out.triangle(i as u32, [corners[0], corners[2], corners[3]]);
+            let first = out.points.len() as u32;
+            out.points.extend(corners.map(|p| p.extend(1.0)));
+            out.faces.push([0, 1, 2, 3].map(|k| first + k));
+            out.line_of.push(i as u32);
         }
         for &[before, after] in joints {
             out.corner(lines, before, after);
@@ -402,7 +405,8 @@ impl Drawing {
     fn triangle(&mut self, line: u32, corners: [DVec2; 3]) {
         let first = self.points.len() as u32;
         self.points.extend(corners.map(|p| p.extend(1.0)));
-        self.faces.push([first, first + 1, first + 2]);
+        self.faces
+            .push(coverage::triangle([first, first + 1, first + 2]));
         self.line_of.push(line);
     }
 
@@ -465,17 +469,14 @@ impl<'a> Distances<'a> {
     }
 }
 
-impl Sink for Distances<'_> {
-    fn span(&mut self, x: u32, y: u32, mask: u8, _: &[f64; SPAN], triangle: u32) {
-        let first = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;
-        let id = self.line_of[triangle as usize];
+impl Cover for Distances<'_> {
+    fn row(&mut self, y: u32, first: u32, last: u32, face: u32) {
+        let start = ((y - self.tile.y) * self.tile.width + (first - self.tile.x)) as usize;
+        let id = self.line_of[face as usize];
         let line = &self.all[id as usize];
-        let from = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - line.start;
+        let from = DVec2::new(f64::from(first) + 0.5, f64::from(y) + 0.5) - line.start;
         let (at, across) = (from.dot(line.along), from.dot(line.normal()));
-        let mut left = mask;
-        while left != 0 {
-            let i = left.trailing_zeros() as usize;
-            left &= left - 1;
+        for i in 0..=(last - first) as usize {
             let at = at + i as f64 * line.along.x;
             let across = across - i as f64 * line.along.y;
             let beyond = at - at.clamp(0.0, line.length);
@@ -484,9 +485,9 @@ impl Sink for Distances<'_> {
                 continue;
             }
             let side = usize::from(across > 0.0);
-            if distance < self.distance[side][first + i] {
-                self.distance[side][first + i] = distance;
-                self.lines[side][first + i] = id;
+            if distance < self.distance[side][start + i] {
+                self.distance[side][start + i] = distance;
+                self.lines[side][start + i] = id;
             }
         }
     }

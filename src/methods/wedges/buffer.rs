@@ -12,12 +12,12 @@ use super::area::{self, AreaEdge};
 use super::block::{Block, LightFrame};
 use super::bounds::{BoundsList, Extent, Part};
 use super::interpolate::{self, Wedge};
-use super::volume::Drawing;
+use super::volume::{Drawing, Surface};
 use super::{Buffer, Cast, Overlap, Settings};
 use crate::camera::Camera;
-use crate::raster::{SPAN, Sink, TILE, Tile, tile_count};
+use crate::raster::{Cover, SPAN, TILE, Tile, tile_count};
 use crate::receivers::{BLOCK, Receivers};
-use crate::simd::{LANES, Row};
+use crate::simd::{LANES, Lanes, Row, detect, dispatch};
 
 /// Pixels of a tile, and a span more so that every span can be read whole.
 const PIXELS: usize = (TILE * TILE) as usize + SPAN;
@@ -354,10 +354,10 @@ impl Cast {
     }
 }
 
-impl Sink for TileBuffer<'_> {
-    fn wants(&mut self, triangle: u32) -> bool {
+impl Cover for TileBuffer<'_> {
+    fn wants(&mut self, face: u32) -> bool {
         let drawing = self.frame.drawing;
-        let surface = &drawing.surfaces[triangle as usize];
+        let surface = &drawing.surfaces[face as usize];
         if self.groups.is_empty() {
             return false;
         }
@@ -380,48 +380,70 @@ impl Sink for TileBuffer<'_> {
         true
     }
 
-    fn span(&mut self, x: u32, y: u32, mask: u8, _: &[f64; SPAN], triangle: u32) {
+    fn row(&mut self, y: u32, first: u32, last: u32, face: u32) {
         let drawing = self.frame.drawing;
-        let surface = &drawing.surfaces[triangle as usize];
+        let surface = &drawing.surfaces[face as usize];
         if self.object != Some(surface.object) {
             self.end_object(surface.object);
             self.object = Some(surface.object);
         }
-        let (column, row) = (x - self.tile.x, y - self.tile.y);
-        let first = (row * TILE + column) as usize;
-        let mut crossed = mask;
-        if !self.before_all {
-            let [px, py, pz] = &self.position;
-            let (px, py, pz) = (
-                &px[first..first + SPAN],
-                &py[first..first + SPAN],
-                &pz[first..first + SPAN],
-            );
-            let n = surface.normal;
-            let mut behind = 0;
+        let (row, columns) = (y - self.tile.y, [first, last].map(|x| x - self.tile.x));
+        let places = columns.map(|x| (row * TILE + x) as usize);
+        let (position, layers) = (&self.position, &mut self.layers);
+        let before = self.before_all;
+        let crossed = dispatch!(detect() => cross_lanes(
+            surface: &Surface, before: bool, places: [usize; 2], position: &[Vec<f64>; 3],
+            layers: &mut [Vec<i32>; 2],
+        ) -> bool);
+        if crossed {
+            let [first, last] = columns.map(|x| x / BLOCK);
+            self.touched |= (u64::MAX >> (63 - (last - first))) << (row / BLOCK * 8 + first);
+        }
+    }
+}
+
+/// Counts a surface where it lies before receivers, `before` all of a tile or those that it is asked about, from
+/// the first to the last place of a row. Whether there are any.
+#[inline(always)]
+unsafe fn cross_lanes<S: Lanes>(
+    surface: &Surface,
+    before: bool,
+    [first, last]: [usize; 2],
+    position: &[Vec<f64>; 3],
+    layers: &mut [Vec<i32>; 2],
+) -> bool {
+    let n = surface.normal;
+    let [front, back] = layers;
+    let mut any = false;
+    let mut at = first;
+    while at <= last {
+        let mut crossed = u8::MAX >> (SPAN - (last - at + 1).min(SPAN));
+        if !before {
+            let x = &position[0][at..at + SPAN];
+            let y = &position[1][at..at + SPAN];
+            let z = &position[2][at..at + SPAN];
+            let mut below = [0.0; SPAN];
             for i in 0..SPAN {
-                let value = n.x * px[i] + n.y * py[i] + n.z * pz[i] - surface.offset;
-                behind |= u8::from(value < 0.0) << i;
+                below[i] = surface.offset - (n.x * x[i] + n.y * y[i] + n.z * z[i]);
             }
+            // SAFETY: the caller enabled the features of `S`.
+            let behind = unsafe { S::positive(&below) };
             crossed &= if surface.counts(true) {
                 behind
             } else {
                 !behind
             };
         }
-        if crossed == 0 {
-            return;
+        if crossed != 0 {
+            any = true;
+            let (front, back) = (&mut front[at..at + SPAN], &mut back[at..at + SPAN]);
+            for i in 0..SPAN {
+                let one = i32::from(crossed >> i & 1);
+                front[i] += one * surface.front;
+                back[i] += one * surface.back;
+            }
         }
-        for block in [
-            column / BLOCK,
-            (column + SPAN as u32 - 1).min(TILE - 1) / BLOCK,
-        ] {
-            self.touched |= 1 << (row / BLOCK * 8 + block);
-        }
-        for i in 0..SPAN {
-            let one = i32::from(crossed >> i & 1);
-            self.layers[0][first + i] += one * surface.front;
-            self.layers[1][first + i] += one * surface.back;
-        }
+        at += SPAN;
     }
+    any
 }

@@ -20,6 +20,7 @@ use rayon::prelude::*;
 use super::contour::{Casters, Edge};
 use crate::camera::Camera;
 use crate::mesh::silhouettes::side_of;
+use crate::raster::coverage::{self, Quadrilateral};
 use crate::raster::project;
 use crate::raster::setup::{Bounds as PixelBounds, NEAR};
 
@@ -72,7 +73,7 @@ pub enum Counting {
     ZFail,
 }
 
-/// What a rasterised triangle, half a quad or a cap, counts.
+/// What a rasterised face, a piece of a quad or of a cap, counts.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
     /// Plane of a quad; unused for caps.
@@ -115,9 +116,9 @@ pub struct Drawing {
     pub points: Vec<DVec3>,
     /// Their pixels.
     pub bounds: Vec<PixelBounds>,
-    /// Triangles.
-    pub faces: Vec<[u32; 3]>,
-    /// What each triangle counts.
+    /// Sides of volumes and caps.
+    pub faces: Vec<Quadrilateral>,
+    /// What each face counts.
     pub surfaces: Vec<Surface>,
     /// Layers that counting starts with, where there are any; in the order of objects.
     pub start: Vec<Start>,
@@ -196,9 +197,10 @@ impl Room {
     }
 }
 
-/// The triangles of a quad. Where both sides leave the room of the receivers through one plane it ends there;
+/// The pieces of a quad, each cut in two by its first and third corner; a triangle repeats its last. Where both
+/// sides leave the room of the receivers through one plane it ends there;
 /// a side that leaves has a corner there in any case, so that neighbours share their sides piece by piece.
-fn pieces(quad: &Quad, room: Option<&Room>, out: &mut Vec<[Corner; 3]>) {
+fn pieces(quad: &Quad, room: Option<&Room>, out: &mut Vec<[Corner; 4]>) {
     let [a, b] = quad.ends.map(Corner::point);
     let [far_a, far_b] = quad.rays.map(Corner::infinite);
     let exit = |end: usize| room.and_then(|r| r.exit(quad.ends[end], quad.rays[end]));
@@ -206,20 +208,20 @@ fn pieces(quad: &Quad, room: Option<&Room>, out: &mut Vec<[Corner; 3]>) {
     match (exit(0), exit(1)) {
         (Some((i, p)), Some((j, q))) => {
             let (p, q) = (Corner::point(p), Corner::point(q));
-            out.extend([[a, b, q], [a, q, p]]);
+            out.push([a, b, q, p]);
             if i != j {
-                out.extend([[p, q, far_b], [p, far_b, far_a]]);
+                out.push([p, q, far_b, far_a]);
             }
         }
         (Some((_, p)), None) => {
             let p = Corner::point(p);
-            out.extend([[a, b, p], [p, b, far_b], [p, far_b, far_a]]);
+            out.extend([[b, far_b, p, a], [p, far_b, far_a, far_a]]);
         }
         (None, Some((_, q))) => {
             let q = Corner::point(q);
-            out.extend([[a, b, q], [a, q, far_b], [a, far_b, far_a]]);
+            out.extend([[a, b, q, far_b], [a, far_b, far_a, far_a]]);
         }
-        (None, None) => out.extend([[a, b, far_b], [a, far_b, far_a]]),
+        (None, None) => out.push([a, b, far_b, far_a]),
     }
 }
 
@@ -243,13 +245,13 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
     };
     let room = (counting == Counting::ZPass).then(|| Room::new(view.receivers, eye));
     let mut drawing = Drawing {
-        points: Vec::with_capacity(6 * quads.len()),
-        bounds: Vec::with_capacity(6 * quads.len()),
-        faces: Vec::with_capacity(2 * quads.len()),
-        surfaces: Vec::with_capacity(2 * quads.len()),
+        points: Vec::with_capacity(4 * quads.len()),
+        bounds: Vec::with_capacity(4 * quads.len()),
+        faces: Vec::with_capacity(quads.len()),
+        surfaces: Vec::with_capacity(quads.len()),
         start: Vec::new(),
     };
-    let mut triangles = Vec::new();
+    let mut parts = Vec::new();
     for quad in quads {
         let eye_behind = quad.behind(eye);
         // Crossed before a receiver on the other side than the eye; the other surfaces that cover it lie
@@ -258,15 +260,16 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
             Counting::ZPass => (1 - 2 * i32::from(eye_behind), !eye_behind),
             Counting::ZFail => (2 * i32::from(eye_behind) - 1, eye_behind),
         };
-        pieces(quad, room.as_ref(), &mut triangles);
-        for [p, q, r] in &triangles {
+        // Where the rays cross, the part beyond is turned over and counts the other way.
+        let turned = |p: &Corner, q: &Corner, r: &Corner| {
             let normal = p.weight * q.at.cross(r.at)
                 + q.weight * r.at.cross(p.at)
                 + r.weight * p.at.cross(q.at);
-            // Where the rays cross, the part beyond is turned over and counts the other way.
-            let turned = normal.dot(quad.normal) > 0.0;
+            normal.dot(quad.normal) > 0.0
+        };
+        let surface = |turned: bool| {
             let sign = if turned { -sign } else { sign };
-            let surface = Surface {
+            Surface {
                 normal: quad.normal,
                 offset: quad.offset,
                 counts_behind,
@@ -274,8 +277,22 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
                 front: sign * quad.front,
                 back: sign * quad.back,
                 object: quad.object,
-            };
-            drawing.add(camera, [p, q, r].map(|c| c.seen_from(eye)), surface);
+            }
+        };
+        pieces(quad, room.as_ref(), &mut parts);
+        for corners in &parts {
+            let [p, q, r, s] = corners;
+            let first = drawing.points(camera, corners.map(|c| c.seen_from(eye)));
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| first + i);
+            match (turned(p, q, r), turned(p, r, s)) {
+                (half, other) if half == other => {
+                    drawing.push([a, b, c, d], surface(half));
+                }
+                (half, other) => {
+                    drawing.push(coverage::triangle([a, b, c]), surface(half));
+                    drawing.push(coverage::triangle([a, c, d]), surface(other));
+                }
+            }
         }
     }
     match counting {
@@ -293,13 +310,18 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
 }
 
 impl Drawing {
-    fn add(&mut self, camera: &Camera, corners: [DVec3; 3], surface: Surface) {
+    /// Adds points and returns the first one's number.
+    fn points<const N: usize>(&mut self, camera: &Camera, points: [DVec3; N]) -> u32 {
         let first = self.points.len() as u32;
-        for (point, bounds) in corners.map(|p| project(p, camera)) {
+        for (point, bounds) in points.map(|p| project(p, camera)) {
             self.points.push(point);
             self.bounds.push(bounds);
         }
-        self.faces.push([first, first + 1, first + 2]);
+        first
+    }
+
+    fn push(&mut self, face: Quadrilateral, surface: Surface) {
+        self.faces.push(face);
         self.surfaces.push(surface);
     }
 
@@ -346,7 +368,9 @@ impl Caps {
                 back: layers[1],
                 object,
             };
-            drawing.add(camera, corners, surface);
+            let first = drawing.points(camera, corners);
+            let face = coverage::triangle([0, 1, 2].map(|i| first + i));
+            drawing.push(face, surface);
         };
         for face in casters.faces().collect::<Vec<_>>() {
             let object = casters.object_of(face[0], objects);
