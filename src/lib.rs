@@ -19,6 +19,7 @@ pub mod control;
 pub mod error;
 pub mod geometry;
 pub mod light;
+mod memory;
 pub mod mesh;
 pub mod methods;
 pub mod raster;

@@ -15,9 +15,10 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Frame, Geometry, MeshRange, Sphere};
+use crate::memory::filled;
 use crate::mesh::check_finite;
 use crate::raster::nearest::{NONE, Nearest};
-use crate::raster::{TILE, filled, rasterize};
+use crate::raster::{TILE, rasterize};
 use crate::sampling::POINT_OFFSET;
 use crate::surface::Pixels;
 

@@ -16,8 +16,9 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::memory::{fill, unwritten, written};
 use crate::methods::Prepared;
-use crate::raster::{filled, tile_count};
+use crate::raster::tile_count;
 use crate::receivers::{BLOCK, Receivers, Surface, from_camera, most_groups};
 use crate::render::{irradiance, unshadow};
 
@@ -222,17 +223,10 @@ impl Ready {
     ) -> Frame {
         let geometry = &*self.geometry;
         let pixels = camera.pixels();
-        let mut frame = Frame {
-            visibility: Vec::new(),
-            radiance: filled(0.0, pixels * 3),
-            mask: filled(false, pixels),
-            position: filled(0.0, pixels * 3),
-            normal: filled(0.0, pixels * 3),
-            depth: filled(f32::INFINITY, pixels),
-            mesh_id: filled(-1, pixels),
-            triangle_id: filled(-1, pixels),
-            seconds: Vec::new(),
-        };
+        let (mut radiance, mut position) = (unwritten(3 * pixels), unwritten(3 * pixels));
+        let (mut normal, mut depth) = (unwritten(3 * pixels), unwritten(pixels));
+        let (mut mask, mut mesh_id) = (unwritten(pixels), unwritten(pixels));
+        let mut triangle_id = unwritten(pixels);
         // Groups of receivers lie row by row of blocks.
         let rows = (camera.width * BLOCK) as usize;
         let before = |row: usize| {
@@ -240,23 +234,26 @@ impl Ready {
                 .index
                 .partition_point(|&p| (p as usize) < row * rows)
         };
-        frame
-            .radiance
+        radiance
             .par_chunks_mut(3 * rows)
-            .zip(frame.mask.par_chunks_mut(rows))
-            .zip(frame.position.par_chunks_mut(3 * rows))
-            .zip(frame.normal.par_chunks_mut(3 * rows))
-            .zip(frame.depth.par_chunks_mut(rows))
-            .zip(frame.mesh_id.par_chunks_mut(rows))
-            .zip(frame.triangle_id.par_chunks_mut(rows))
+            .zip(position.par_chunks_mut(3 * rows))
+            .zip(normal.par_chunks_mut(3 * rows))
+            .zip(depth.par_chunks_mut(rows))
+            .zip(mask.par_chunks_mut(rows))
+            .zip(mesh_id.par_chunks_mut(rows))
+            .zip(triangle_id.par_chunks_mut(rows))
             .enumerate()
             .for_each(|(row, chunk)| {
                 let (chunk, triangle_id) = chunk;
                 let (chunk, mesh_id) = chunk;
+                let (chunk, mask) = chunk;
                 let (chunk, depth) = chunk;
                 let (chunk, normal) = chunk;
-                let (chunk, position) = chunk;
-                let (radiance, mask) = chunk;
+                let (radiance, position) = chunk;
+                let (radiance, position) = (fill(radiance, 0.0), fill(position, 0.0));
+                let (normal, depth) = (fill(normal, 0.0), fill(depth, f32::INFINITY));
+                let (mask, mesh_id) = (fill(mask, false), fill(mesh_id, -1));
+                let triangle_id = fill(triangle_id, -1);
                 let mut last = None;
                 for i in before(row)..before(row + 1) {
                     let pixel = receivers.index[i] as usize;
@@ -281,7 +278,20 @@ impl Ready {
                     }
                 }
             });
-        frame
+        // SAFETY: `fill` wrote all rows of all arrays.
+        unsafe {
+            Frame {
+                visibility: Vec::new(),
+                radiance: written(radiance),
+                mask: written(mask),
+                position: written(position),
+                normal: written(normal),
+                depth: written(depth),
+                mesh_id: written(mesh_id),
+                triangle_id: written(triangle_id),
+                seconds: Vec::new(),
+            }
+        }
     }
 }
 

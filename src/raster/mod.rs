@@ -21,6 +21,7 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
+use crate::memory::filled;
 use crate::simd::{Lanes, detect, dispatch};
 use coverage::{Quadrilateral, Rows};
 use setup::{Block, Bounds, Outline, SHAPES, Setup};
@@ -305,11 +306,6 @@ pub fn image<S: Sync, T: Copy + Default + Send + Sync>(
             }
         });
     image
-}
-
-/// A vector whose memory all threads touch first, so that the system clears its pages in parallel.
-pub(crate) fn filled<T: Clone + Send>(value: T, len: usize) -> Vec<T> {
-    rayon::iter::repeat_n(value, len).collect()
 }
 
 /// Sets up and fills the part of `triangles` in a tile. A triangle is set up once a tile: most lie in one,
