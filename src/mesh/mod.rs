@@ -28,6 +28,7 @@ use oriented::Oriented;
 pub struct TriMesh {
     vertices: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
+    uses_all: bool,
     adjacency: OnceLock<Adjacency>,
     components: OnceLock<Vec<u32>>,
     oriented: OnceLock<Option<Oriented>>,
@@ -77,9 +78,14 @@ impl TriMesh {
             }
             welded.push(out);
         }
+        let mut used = vec![false; count];
+        for &v in welded.iter().flatten() {
+            used[v as usize] = true;
+        }
         let mesh = TriMesh {
             vertices,
             faces: welded,
+            uses_all: representative.iter().all(|&v| used[v as usize]),
             adjacency: OnceLock::new(),
             components: OnceLock::new(),
             oriented: OnceLock::new(),
@@ -114,6 +120,7 @@ impl TriMesh {
         let mesh = TriMesh {
             vertices,
             faces: self.faces.clone(),
+            uses_all: self.uses_all,
             adjacency: self.adjacency.clone(),
             components: self.components.clone(),
             oriented: self.oriented.clone(),
@@ -130,6 +137,11 @@ impl TriMesh {
     /// Faces; of vertices at one position always the same index is used.
     pub fn faces(&self) -> &[[u32; 3]] {
         &self.faces
+    }
+
+    /// Whether all vertices are corners of faces, or where a corner is.
+    pub fn uses_all_vertices(&self) -> bool {
+        self.uses_all
     }
 
     /// Edges and the faces at them; built at the first call.

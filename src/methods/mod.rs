@@ -16,6 +16,7 @@
 //! that into radiance is the same for all ([`crate::render`]).
 
 pub mod accumulation;
+mod behind;
 pub mod convolution;
 pub mod filtered;
 pub mod hard;

@@ -9,16 +9,18 @@
 //! widen the view, but get coarse faces of a cube to themselves, for points that a user may have behind
 //! them. A margin around what casts, as wide as the widest penumbra, keeps edges near a border findable.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3, DVec4, Vec3};
 use rayon::prelude::*;
 
+use super::behind::{chunks, with_nothing_behind};
 use crate::camera::Camera;
 use crate::error::Result;
+use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use crate::methods::wedges::contour::Casters;
-use crate::sampling::POINT_OFFSET;
 
 /// Largest tangent of the angle off a single view's axis: beyond it a texel in the middle sees ten times the
 /// solid angle per texel that one at the border does, and a cube's faces are better.
@@ -28,9 +30,7 @@ pub(super) const WIDEST: f64 = 3.0;
 /// on its margin, and penumbrae that are wider than that come from occluders that all but touch the light.
 const MARGIN: f64 = 1.0;
 
-/// Most comparisons of triangles with all vertices in the search for those with nothing behind them, some ten
-/// milliseconds: a ground of many triangles makes the view wider instead.
-const COMPARISONS: usize = 1 << 24;
+pub(super) use super::behind::split;
 
 /// Triangles that one task measures: enough to outweigh a task.
 pub(super) const CHUNK: usize = 4096;
@@ -193,18 +193,104 @@ impl Extent {
                 return Extent::NONE;
             }
         }
-        let mut extent = Extent::NONE;
-        for p in corners {
-            if p.z <= 0.0 {
-                extent.open = true;
-                continue;
-            }
-            let q = p.truncate() / p.z;
-            extent.low = extent.low.min(q);
-            extent.high = extent.high.max(q);
-            extent.near = extent.near.min(p.z);
+        let corners = corners.map(Extent::of_point);
+        corners.into_iter().fold(Extent::NONE, Extent::union)
+    }
+
+    #[inline(always)]
+    fn of_point(p: DVec3) -> Extent {
+        if p.z <= 0.0 {
+            return Extent {
+                open: true,
+                ..Extent::NONE
+            };
         }
-        extent
+        let q = p.truncate() / p.z;
+        Extent {
+            low: q,
+            high: q,
+            near: p.z,
+            open: false,
+        }
+    }
+}
+
+/// What casts, in parts for a task each.
+struct Parts {
+    /// Vertices of meshes that all cast, where these are the corners of their faces and no others.
+    points: Vec<Range<u32>>,
+    /// Triangles of the other meshes.
+    faces: Vec<Range<u32>>,
+    /// Triangles of all.
+    all_faces: Vec<Range<u32>>,
+}
+
+impl Parts {
+    /// Of `faces` without some (in order) of them.
+    fn new(geometry: &Geometry, faces: &[Range<u32>], without: &[u32]) -> Self {
+        let mut parts = Parts {
+            points: Vec::new(),
+            faces: Vec::new(),
+            all_faces: Vec::new(),
+        };
+        for chunk in faces {
+            let mesh = geometry.mesh_of(chunk.start);
+            let left_out = |faces: Range<u32>| {
+                let at = |face| without.partition_point(|f| *f < face);
+                &without[at(faces.start)..at(faces.end)]
+            };
+            let mut start = chunk.start;
+            let first = parts.all_faces.len();
+            for &face in left_out(chunk.clone()).iter().chain([&chunk.end]) {
+                if start < face {
+                    parts.all_faces.push(start..face);
+                }
+                start = face + 1;
+            }
+            let end = mesh.first_face + mesh.faces;
+            if !mesh.mesh.uses_all_vertices() || !left_out(mesh.first_face..end).is_empty() {
+                parts.faces.extend_from_slice(&parts.all_faces[first..]);
+            } else if chunk.start == mesh.first_face {
+                let end = mesh.first_vertex + mesh.mesh.vertices().len() as u32;
+                let starts = (mesh.first_vertex..end).step_by(CHUNK);
+                let points = starts.map(|start| start..(start + CHUNK as u32).min(end));
+                parts.points.extend(points);
+            }
+        }
+        parts
+    }
+
+    /// What all corners of the triangles make up.
+    fn fold<T: Copy + Send + Sync>(
+        &self,
+        geometry: &Geometry,
+        none: T,
+        of: impl Fn(Vec3) -> T + Sync,
+        union: impl Fn(T, T) -> T + Sync,
+    ) -> T {
+        let of_face = |face: u32| {
+            let [a, b, c] = geometry.corners(face).map(&of);
+            union(union(a, b), c)
+        };
+        let faces = self.faces.par_iter().cloned();
+        let faces = faces.map(|faces| faces.map(of_face).fold(none, &union));
+        let points = self.fold_points(geometry, none, &of, &union);
+        union(points, faces.reduce(|| none, &union))
+    }
+
+    /// What the vertices make up of those meshes of which these are enough.
+    fn fold_points<T: Copy + Send + Sync>(
+        &self,
+        geometry: &Geometry,
+        none: T,
+        of: impl Fn(Vec3) -> T + Sync,
+        union: impl Fn(T, T) -> T + Sync,
+    ) -> T {
+        let part = |points: &Range<u32>| {
+            let points = &geometry.positions[points.start as usize..points.end as usize];
+            points.iter().map(|p| of(*p)).fold(none, &union)
+        };
+        self.points.par_iter().map(part).reduce(|| none, &union)
     }
 }
 
@@ -220,31 +306,39 @@ fn look(along: DVec3) -> DMat3 {
 pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<View>> {
     let geometry = casters.geometry();
     let eye = light.center();
-    let everything: Vec<u32> = casters.face_ranges().flatten().collect();
-    let middle = middle_of(casters).unwrap_or(eye);
+    let everything = chunks(casters);
+    let all = Parts::new(geometry, &everything, &[]);
+    let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let union = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
+    let (low, high) = all.fold(geometry, none, |p| (p, p), union);
+    let middle = 0.5 * (low.as_dvec3() + high.as_dvec3());
     let axis = light.normal().or((middle - eye).try_normalize());
     let rotation = look(axis.unwrap_or(DVec3::Z));
-    let flat = light.normal().is_some();
     // What is behind a flat light hides none of it.
-    let front = light.normal().unwrap_or_default();
-    let extent = |rotation: DMat3, limit: Option<f64>, faces: &[u32]| {
-        let of = |&face: &u32| {
-            let corners = geometry.corners(face).map(|v| v.as_dvec3() - eye);
-            if flat && corners.iter().all(|p| front.dot(*p) <= 0.0) {
+    let behind = |p: DVec3| {
+        light
+            .normal()
+            .is_some_and(|front| front.dot(p - eye) <= 0.0)
+    };
+    let extent = |rotation: DMat3, limit: Option<f64>, faces: &[Range<u32>]| {
+        let of = |face: u32| {
+            let corners = geometry.corners(face).map(|v| v.as_dvec3());
+            if corners.iter().all(|p| behind(*p)) {
                 return Extent::NONE;
             }
-            Extent::of(corners.map(|p| rotation * p), limit)
+            Extent::of(corners.map(|p| rotation * (p - eye)), limit)
         };
-        let parts = faces.par_chunks(CHUNK);
+        let parts = faces.par_iter().cloned();
         parts
-            .map(|faces| faces.iter().map(of).fold(Extent::NONE, Extent::union))
+            .map(|faces| faces.map(of).fold(Extent::NONE, Extent::union))
             .reduce(|| Extent::NONE, Extent::union)
     };
     let far = geometry
         .positions
         .par_iter()
-        .map(|p| (p.as_dvec3() - eye).length())
-        .reduce(|| 0.0, f64::max);
+        .map(|p| (p.as_dvec3() - eye).length_squared())
+        .reduce(|| 0.0, f64::max)
+        .sqrt();
     let widest = Outline::new(light, rotation).widest();
     let margin = |near: f64| (widest * (1.0 / near - 1.0 / far).max(0.0)).min(MARGIN);
     let make = |resolution: u32, rotation: DMat3, low: DVec2, high: DVec2, only| -> Result<View> {
@@ -268,13 +362,25 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
             only,
         })
     };
-    let (foremost, behind_nothing) = split(casters, eye);
-    let (mut resolution, mut faces, mut only) = (resolution, &everything[..], None);
-    let main = extent(rotation, None, &foremost);
     let mut out = Vec::new();
     if everything.is_empty() {
         return Ok(out);
     }
+    let last = with_nothing_behind(casters, eye);
+    let behind_nothing: Vec<Range<u32>> = last.iter().map(|&f| f..f + 1).collect();
+    let (mut resolution, mut faces, mut only) = (resolution, &everything, None);
+    let foremost = Parts::new(geometry, &everything, &last);
+    let in_front = |points: &Range<u32>| {
+        let points = &geometry.positions[points.start as usize..points.end as usize];
+        points.iter().all(|p| !behind(p.as_dvec3()))
+    };
+    let main = if foremost.points.par_iter().all(in_front) {
+        let seen = |p: Vec3| Extent::of_point(rotation * (p.as_dvec3() - eye));
+        let points = foremost.fold_points(geometry, Extent::NONE, seen, Extent::union);
+        points.union(extent(rotation, None, &foremost.faces))
+    } else {
+        extent(rotation, None, &foremost.all_faces)
+    };
     let tangent = main.low.abs().max(main.high.abs()).max_element();
     // A texel and more around what casts, however small it is.
     let texel = (main.high - main.low).max_element() * 2.0 / f64::from(resolution);
@@ -289,7 +395,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
         }
         resolution = (resolution / COARSER).max(16);
         faces = &behind_nothing;
-        only = Some(Arc::from(faces));
+        only = Some(Arc::from(&last[..]));
     }
     let base = rotation.transpose();
     for k in 0..3 {
@@ -336,80 +442,4 @@ pub(super) fn look_face(base: DMat3, axis: usize, sign: f64) -> DMat3 {
     let forward = sign * base.col(axis);
     let right = base.col((axis + 1) % 3);
     DMat3::from_cols(right, forward.cross(right), forward).transpose()
-}
-
-fn middle_of(casters: &Casters) -> Option<DVec3> {
-    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let geometry = casters.geometry();
-    let (low, high) = casters
-        .face_ids()
-        .map(|f| {
-            let [a, b, c] = geometry.corners(f).map(|v| v.as_dvec3());
-            (a.min(b).min(c), a.max(b).max(c))
-        })
-        .reduce(|| none, |a, b| (a.0.min(b.0), a.1.max(b.1)));
-    (low.x <= high.x).then(|| 0.5 * (low + high))
-}
-
-/// What casts, without and only those triangles that have no vertex of the scene behind them as `eye` sees it.
-/// There are none of the latter if they are too many.
-pub(super) fn split(casters: &Casters, eye: DVec3) -> (Vec<u32>, Vec<u32>) {
-    let geometry = casters.geometry();
-    let positions = &geometry.positions;
-    let all = || (casters.face_ranges().flatten().collect(), Vec::new());
-    if !geometry.spheres.is_empty() {
-        return all();
-    }
-    let extremes = extremes(positions);
-    let plane = |face: u32| {
-        let [a, b, c] = geometry.corners(face).map(|v| v.as_dvec3());
-        let n = (b - a).cross(c - a).try_normalize()?;
-        Some((if n.dot(eye - a) < 0.0 { -n } else { n }, a))
-    };
-    // Less far behind than a receiver has to be to be hidden.
-    let before = |p: DVec3, n: DVec3, a: DVec3| n.dot(p - a) >= -POINT_OFFSET;
-    let candidate =
-        |face: u32| plane(face).is_some_and(|(n, a)| extremes.iter().all(|&p| before(p, n, a)));
-    let candidates: Vec<u32> = casters.face_ids().filter(|&f| candidate(f)).collect();
-    if candidates.len().saturating_mul(positions.len()) > COMPARISONS {
-        return all();
-    }
-    let nothing = |f: &u32| {
-        let Some((n, a)) = plane(*f) else {
-            return false;
-        };
-        positions.iter().all(|p| before(p.as_dvec3(), n, a))
-    };
-    let last: Vec<u32> = candidates.into_par_iter().filter(nothing).collect();
-    let first = casters.face_ranges().flatten();
-    (
-        first.filter(|f| last.binary_search(f).is_err()).collect(),
-        last,
-    )
-}
-
-/// Extreme positions along the axes and the diagonals: they rule almost all triangles out.
-fn extremes(positions: &[Vec3]) -> Vec<DVec3> {
-    let signs = |x: i32, y: i32, z: i32| Vec3::new(x as f32, y as f32, z as f32);
-    let directions = [
-        signs(1, 0, 0),
-        signs(0, 1, 0),
-        signs(0, 0, 1),
-        signs(1, 1, 1),
-        signs(1, 1, -1),
-        signs(1, -1, 1),
-        signs(-1, 1, 1),
-    ];
-    let both = directions.par_iter().flat_map_iter(|&d| [d, -d]);
-    both.filter_map(|d| {
-        let (mut most, mut found) = (f32::NEG_INFINITY, None);
-        for p in positions {
-            let along = d.dot(*p);
-            if along > most {
-                (most, found) = (along, Some(p.as_dvec3()));
-            }
-        }
-        found
-    })
-    .collect()
 }

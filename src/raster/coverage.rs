@@ -449,22 +449,12 @@ mod tests {
             let mut found = Bitmap::default();
             found.reset(camera.width, camera.height);
             cover(&[0, 1, 2], &points, &camera, |y, a, b| found.set(y, a, b));
-            let (points, bounds): (Vec<_>, Vec<_>) = p
-                .iter()
-                .map(|&p| crate::raster::project(p, &camera))
-                .unzip();
+            let points: Vec<_> = p.iter().map(|&p| camera.project(p)).collect();
             let control = Control::default();
             let make = Nearest::new;
-            let tiles = rasterize_projected(
-                &points,
-                &bounds,
-                &[[0, 1, 2]],
-                |_| true,
-                &camera,
-                &control,
-                make,
-            )
-            .unwrap();
+            let tiles =
+                rasterize_projected(&points, &[[0, 1, 2]], |_| true, &camera, &control, make)
+                    .unwrap();
             for (tile, nearest) in tiles {
                 for i in 0..tile.width * tile.height {
                     let (x, y) = (tile.x + i % tile.width, tile.y + i / tile.width);

@@ -2,6 +2,7 @@
 //!
 //! - this file: [`rasterize`], which bins triangles to tiles and hands each tile's fragments, triangle
 //!   by triangle, to a [`Sink`] of the caller's choice;
+//! - [`small`]: the pixels of triangles that cover a few, found where they are binned;
 //! - [`setup`]: from a triangle in space to edge functions and a depth plane in the image;
 //! - [`nearest`]: the sink that keeps the nearest triangle a pixel;
 //! - [`coverage`]: the pixels that triangles cover, row by row, for hard shadows that need no depth.
@@ -14,6 +15,7 @@
 pub mod coverage;
 pub mod nearest;
 pub mod setup;
+mod small;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -24,7 +26,8 @@ use crate::error::Result;
 use crate::memory::filled;
 use crate::simd::{Lanes, detect, dispatch};
 use coverage::{Quadrilateral, Rows};
-use setup::{Block, Bounds, Outline, SHAPES, Setup};
+use setup::{Block, Bounds, Depth, Outline, SHAPES, Setup};
+use small::Covered;
 
 /// Pixels in a span, the unit that sinks receive.
 pub const SPAN: usize = 8;
@@ -50,29 +53,40 @@ pub struct Tile {
 
 /// What becomes of the fragments of one tile.
 pub trait Sink: Send {
+    /// Whether pixels of small triangles may come by [`Sink::pixel`], without what the other functions are told
+    /// of a triangle.
+    fn takes_pixels() -> bool
+    where
+        Self: Sized,
+    {
+        false
+    }
+
+    /// Takes a pixel alone, as [`Sink::span`] does.
+    fn pixel(&mut self, x: u32, y: u32, inverse_depth: f64, triangle: u32)
+    where
+        Self: Sized,
+    {
+        self.span(x, y, 1, &[inverse_depth; SPAN], triangle);
+    }
+
     /// Takes a span of pixels: bit `i` of `mask` is pixel `(x + i, y)`, covered by `triangle` at the
     /// inverse depth `inverse_depth[i]`. Triangles arrive in the order of their indices.
     fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], triangle: u32);
 
     /// Is told of a triangle, or of a part of one that the near plane cuts, before its spans come.
     fn surface(&mut self, _triangle: u32, _setup: &Setup) {}
-
-    /// Whether the tile needs the fragments of a triangle at all; asked once before they come.
-    fn wants(&mut self, _triangle: u32) -> bool {
-        true
-    }
 }
 
-/// The triangles of a chunk that reach into each tile, in order: those of tile `t` are
-/// `triangles[starts[t]..starts[t + 1]]`.
-struct Bins {
+/// What a chunk of triangles has for each tile, in order: that of tile `t` is `items[starts[t]..starts[t + 1]]`.
+struct Bins<T> {
     starts: Vec<u32>,
-    triangles: Vec<u32>,
+    items: Vec<T>,
 }
 
-impl Bins {
-    /// Sorts pairs of a tile and a triangle by tile; pairs of one tile keep their order.
-    fn new(pairs: &[(u32, u32)], tiles: usize) -> Self {
+impl<T: Copy + Default> Bins<T> {
+    /// Sorts pairs of a tile and an item by tile; pairs of one tile keep their order.
+    fn new(pairs: &[(u32, T)], tiles: usize) -> Self {
         // Counted two places up, the counts become the starts, and these the ends, as the bins fill.
         let mut starts = vec![0; tiles + 2];
         for &(tile, _) in pairs {
@@ -81,17 +95,44 @@ impl Bins {
         for t in 2..starts.len() {
             starts[t] += starts[t - 1];
         }
-        let mut triangles = vec![0; pairs.len()];
-        for &(tile, triangle) in pairs {
+        let mut items = vec![T::default(); pairs.len()];
+        for &(tile, item) in pairs {
             let place = &mut starts[tile as usize + 1];
-            triangles[*place as usize] = triangle;
+            items[*place as usize] = item;
             *place += 1;
         }
-        Bins { starts, triangles }
+        Bins { starts, items }
     }
 
-    fn of(&self, tile: usize) -> &[u32] {
-        &self.triangles[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    fn of(&self, tile: usize) -> &[T] {
+        &self.items[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+}
+
+/// What [`rasterize`] knows of a triangle in a tile.
+#[derive(Debug, Clone, Copy, Default)]
+struct Item {
+    triangle: u32,
+    /// [`Item::WHOLE`], or a pixel that it covers: `x + TILE y` within the tile.
+    pixel: u32,
+    /// At the pixel.
+    inverse_depth: f64,
+}
+
+impl Item {
+    /// Says that the triangle's pixels are still to be found.
+    const WHOLE: u32 = u32::MAX;
+
+    fn whole(triangle: u32) -> Self {
+        Item {
+            triangle,
+            pixel: Self::WHOLE,
+            inverse_depth: 0.0,
+        }
+    }
+
+    fn is_whole(&self) -> bool {
+        self.pixel == Self::WHOLE
     }
 }
 
@@ -113,38 +154,104 @@ pub fn rasterize<S: Sink>(
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
-    let (points, bounds): (Vec<_>, Vec<_>) = positions
+    let (points, screen): (Vec<_>, Vec<_>) = positions
         .par_iter()
-        .map(|p| project(p.as_dvec3(), camera))
+        .map(|p| {
+            let p = camera.project(p.as_dvec3());
+            (p, small::on_screen(p))
+        })
         .unzip();
-    rasterize_projected(&points, &bounds, faces, keep, camera, control, make)
+    rasterize_on_screen(&points, &screen, faces, keep, camera, control, make)
 }
 
-/// What [`rasterize_projected`] needs to know of a point.
-pub fn project(p: DVec3, camera: &Camera) -> (DVec3, Bounds) {
-    let p = camera.project(p);
-    (p, Bounds::of_vertex(p, camera))
-}
-
-/// As [`rasterize`], of points in `f64` for each of which [`project`] was called.
+/// As [`rasterize`], of points in `f64` as [`Camera::project`] gives them.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
 pub fn rasterize_projected<S: Sink>(
     points: &[DVec3],
-    bounds: &[Bounds],
     faces: &[[u32; 3]],
     keep: impl Fn(u32) -> bool + Sync,
     camera: &Camera,
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
-    let chunks = bins(points, bounds, faces, keep, camera, control)?;
+    let screen: Vec<_> = points.par_iter().map(|&p| small::on_screen(p)).collect();
+    rasterize_on_screen(points, &screen, faces, keep, camera, control, make)
+}
+
+fn rasterize_on_screen<S: Sink>(
+    points: &[DVec3],
+    screen: &[[f64; 2]],
+    faces: &[[u32; 3]],
+    keep: impl Fn(u32) -> bool + Sync,
+    camera: &Camera,
+    control: &Control,
+    make: impl Fn(Tile) -> S + Sync,
+) -> Result<Vec<(Tile, S)>> {
+    let columns = camera.width.div_ceil(TILE);
+    let chunks: Vec<Bins<Item>> = faces
+        .par_chunks(CHUNK)
+        .enumerate()
+        .map_init(
+            || (Vec::new(), small::Block::new()),
+            |(pairs, block), (c, faces)| {
+                control.check()?;
+                pairs.clear();
+                for (b, faces) in faces.chunks(small::BLOCK).enumerate() {
+                    block.look(faces, screen, camera);
+                    for (i, face) in faces.iter().enumerate() {
+                        let triangle = (c * CHUNK + b * small::BLOCK + i) as u32;
+                        let within = match block.covered(i) {
+                            Covered::Nothing => continue,
+                            Covered::Few(pixels) if S::takes_pixels() => {
+                                if keep(triangle) {
+                                    let depth = Depth::new(&face.map(|v| points[v as usize]));
+                                    pairs.extend(pixels.map(|[x, y]| {
+                                        let tile = y / TILE * columns + x / TILE;
+                                        let pixel = x % TILE + y % TILE * TILE;
+                                        let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
+                                        let inverse_depth = depth.at(x, y);
+                                        (
+                                            tile,
+                                            Item {
+                                                triangle,
+                                                pixel,
+                                                inverse_depth,
+                                            },
+                                        )
+                                    }));
+                                }
+                                continue;
+                            }
+                            Covered::Few(pixels) => Some(pixels.bounds()),
+                            Covered::Within(low, high) => Some((low, high)),
+                            Covered::Unknown => setup::pixels_of(face, points, camera),
+                        };
+                        let Some((low, high)) = within.filter(|_| keep(triangle)) else {
+                            continue;
+                        };
+                        let item = Item::whole(triangle);
+                        reached(face, points, low, high, columns, |tile| {
+                            pairs.push((tile, item))
+                        });
+                    }
+                }
+                Ok(Bins::new(pairs, tile_count(camera)))
+            },
+        )
+        .collect::<Result<_>>()?;
     each_tile(camera, control, make, |index, tile, sink| {
         for chunk in &chunks {
             fill(faces, points, chunk.of(index), camera, tile, sink);
         }
     })
+}
+
+/// What [`cover_projected`] needs to know of a point.
+pub fn project(p: DVec3, camera: &Camera) -> (DVec3, Bounds) {
+    let p = camera.project(p);
+    (p, Bounds::of_vertex(p, camera))
 }
 
 /// What becomes of the pixels that polygons cover in one tile.
@@ -162,7 +269,7 @@ pub trait Cover: Send {
 /// The parts of some polygons, with their faces, by tile.
 struct Parts {
     rows: Vec<(u32, Rows<4>)>,
-    bins: Bins,
+    bins: Bins<u32>,
 }
 
 /// Polygons that one task sets up: long ones, of which a scene has thousands.
@@ -215,49 +322,31 @@ pub fn cover_projected<S: Cover>(
     })
 }
 
-/// Sorts the triangles that can cover pixels into the tiles that they reach.
-fn bins(
+/// Calls `each` for the tiles, in rows of `columns`, that a triangle with its pixels between `low` and `high` can
+/// reach into.
+#[inline(always)]
+fn reached(
+    face: &[u32; 3],
     points: &[DVec3],
-    bounds: &[Bounds],
-    faces: &[[u32; 3]],
-    keep: impl Fn(u32) -> bool + Sync,
-    camera: &Camera,
-    control: &Control,
-) -> Result<Vec<Bins>> {
-    let columns = camera.width.div_ceil(TILE);
-    let tiles = tile_count(camera);
-    faces
-        .par_chunks(CHUNK)
-        .enumerate()
-        .map_init(Vec::new, |pairs, (c, faces)| {
-            control.check()?;
-            pairs.clear();
-            for (i, face) in faces.iter().enumerate() {
-                let id = (c * CHUNK + i) as u32;
-                let Some((low, high)) = setup::pixels(face, points, bounds, camera) else {
-                    continue;
-                };
-                if keep(id) {
-                    let across = [0, 1].map(|i| low[i] / TILE..=high[i] / TILE);
-                    let [xs, ys] = across;
-                    // A long sliver lies in few of the tiles of its bounds.
-                    let long = xs.end() - xs.start() > 1 && ys.end() - ys.start() > 1;
-                    let outline = long.then(|| Outline::new(face, points));
-                    for ty in ys {
-                        let mut xs = xs.clone();
-                        if let Some(outline) = &outline {
-                            let top = f64::from(ty * TILE) - 1.0;
-                            let (x0, x1) = outline.extent(top, top + f64::from(TILE) + 2.0);
-                            let first = (x0.max(0.0) as u32 / TILE).max(*xs.start());
-                            xs = first..=(x1.max(0.0) as u32 / TILE).min(*xs.end());
-                        }
-                        pairs.extend(xs.map(|tx| (ty * columns + tx, id)));
-                    }
-                }
-            }
-            Ok(Bins::new(pairs, tiles))
-        })
-        .collect()
+    low: [u32; 2],
+    high: [u32; 2],
+    columns: u32,
+    mut each: impl FnMut(u32),
+) {
+    let [xs, ys] = [0, 1].map(|i| low[i] / TILE..=high[i] / TILE);
+    // A long sliver lies in few of the tiles of its bounds.
+    let long = xs.end() - xs.start() > 1 && ys.end() - ys.start() > 1;
+    let outline = long.then(|| Outline::new(face, points));
+    for ty in ys {
+        let mut xs = xs.clone();
+        if let Some(outline) = &outline {
+            let top = f64::from(ty * TILE) - 1.0;
+            let (x0, x1) = outline.extent(top, top + f64::from(TILE) + 2.0);
+            let first = (x0.max(0.0) as u32 / TILE).max(*xs.start());
+            xs = first..=(x1.max(0.0) as u32 / TILE).min(*xs.end());
+        }
+        xs.for_each(|tx| each(ty * columns + tx));
+    }
 }
 
 /// Makes every tile's sink and lets `draw(number, tile, sink)` draw into it.
@@ -308,23 +397,33 @@ pub fn image<S: Sync, T: Copy + Default + Send + Sync>(
     image
 }
 
-/// Sets up and fills the part of `triangles` in a tile. A triangle is set up once a tile: most lie in one,
-/// and edge functions kept in memory from a pass of their own take longer to write and read.
+/// Draws the pixels that are known, and sets up and fills what else there is of triangles in a tile. A triangle is
+/// set up once a tile: most lie in one, and edge functions kept in memory from a pass of their own take longer to
+/// write and read.
 fn fill<T: Sink>(
     faces: &[[u32; 3]],
     points: &[DVec3],
-    triangles: &[u32],
+    items: &[Item],
     camera: &Camera,
     tile: Tile,
     sink: &mut T,
 ) {
-    // A generic item cannot be named inside the functions that `dispatch!` makes, hence the trait
-    // object; it is called once a span.
-    let sink: &mut dyn Sink = sink;
-    dispatch!(detect() => fill_lanes(
-        faces: &[[u32; 3]], points: &[DVec3], triangles: &[u32], camera: &Camera, tile: Tile,
-        sink: &mut dyn Sink,
-    ));
+    for items in items.chunk_by(|a, b| a.is_whole() == b.is_whole()) {
+        if items[0].is_whole() {
+            // A generic item cannot be named inside the functions that `dispatch!` makes, hence the trait
+            // object; it is called once a span.
+            let sink: &mut dyn Sink = sink;
+            dispatch!(detect() => fill_lanes(
+                faces: &[[u32; 3]], points: &[DVec3], items: &[Item], camera: &Camera, tile: Tile,
+                sink: &mut dyn Sink,
+            ));
+        } else {
+            for item in items {
+                let (x, y) = (item.pixel % TILE, item.pixel / TILE);
+                sink.pixel(tile.x + x, tile.y + y, item.inverse_depth, item.triangle);
+            }
+        }
+    }
 }
 
 /// Compiled once per instruction set; the loops over a block's pixels are left to the compiler's
@@ -333,15 +432,12 @@ fn fill<T: Sink>(
 unsafe fn fill_lanes<S: Lanes>(
     faces: &[[u32; 3]],
     points: &[DVec3],
-    triangles: &[u32],
+    items: &[Item],
     camera: &Camera,
     tile: Tile,
     sink: &mut dyn Sink,
 ) {
-    for &triangle in triangles {
-        if !sink.wants(triangle) {
-            continue;
-        }
+    for &Item { triangle, .. } in items {
         let face = &faces[triangle as usize];
         if setup::is_in_front(face, points) {
             if let Some(setup) = setup::triangle(face, points, camera) {

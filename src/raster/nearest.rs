@@ -28,6 +28,19 @@ impl Nearest {
 }
 
 impl Sink for Nearest {
+    fn takes_pixels() -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn pixel(&mut self, x: u32, y: u32, inverse_depth: f64, triangle: u32) {
+        let at = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;
+        if inverse_depth > self.inverse_depth[at] {
+            self.inverse_depth[at] = inverse_depth;
+            self.triangle[at] = triangle;
+        }
+    }
+
     #[inline]
     fn span(&mut self, x: u32, y: u32, mask: u8, inverse_depth: &[f64; SPAN], triangle: u32) {
         let first = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;

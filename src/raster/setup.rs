@@ -21,7 +21,7 @@ pub const NEAR: f64 = 1e-7;
 const JUST_BELOW: f64 = -f64::MIN_POSITIVE;
 
 /// Below this part of its two terms an edge function's sign may be rounding, and is found exactly.
-const DOUBT: f64 = 8.0 * f64::EPSILON;
+pub(super) const DOUBT: f64 = 8.0 * f64::EPSILON;
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EdgeFunction {
@@ -67,13 +67,42 @@ impl EdgeFunction {
     }
 }
 
+/// Inverse depth of a triangle in the image.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Depth {
+    /// At `(x, y)` it is `plane · (x, y, 1)`.
+    plane: DVec3,
+    /// Least and largest of the corners.
+    range: [f64; 2],
+}
+
+impl Depth {
+    /// Of a triangle in front of the near plane.
+    #[inline(always)]
+    pub(super) fn new(corners: &[DVec3; 3]) -> Self {
+        let range = range(corners.map(|p| 1.0 / p.z));
+        let plane = depth_plane(*corners);
+        Depth { plane, range }
+    }
+
+    /// At a point of the image; kept within the triangle's own range, which only matters for slivers.
+    #[inline(always)]
+    pub(super) fn at(&self, x: f64, y: f64) -> f64 {
+        let row = self.plane.y * y + self.plane.z;
+        (row + self.plane.x * x).clamp(self.range[0], self.range[1])
+    }
+}
+
+#[inline(always)]
+fn range(z: [f64; 3]) -> [f64; 2] {
+    [z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2])]
+}
+
 /// A triangle in the image, ready to be filled.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup {
     pub(super) edges: [EdgeFunction; 3],
-    /// Inverse depth at `(x, y)` is `depth · (x, y, 1)`.
-    depth: DVec3,
-    range: [f64; 2],
+    depth: Depth,
     /// First column and row whose centres can be inside.
     pub low: [u32; 2],
     /// Last column and row.
@@ -129,8 +158,8 @@ impl Shape {
 
 /// Centres of [`SPAN`] pixels.
 pub struct Block {
-    x: [f64; SPAN],
-    y: [f64; SPAN],
+    pub(super) x: [f64; SPAN],
+    pub(super) y: [f64; SPAN],
 }
 
 impl Block {
@@ -182,13 +211,13 @@ impl Setup {
     /// Change of the inverse depth from column to column and from row to row.
     #[inline(always)]
     pub fn slope(&self) -> [f64; 2] {
-        [self.depth.x, self.depth.y]
+        [self.depth.plane.x, self.depth.plane.y]
     }
 
     /// Least and largest inverse depth of the corners.
     #[inline(always)]
     pub fn range(&self) -> [f64; 2] {
-        self.range
+        self.depth.range
     }
 
     /// Where the edges cross rows: for each edge the column in row 0 and its change from row to row, and more
@@ -248,14 +277,12 @@ impl Setup {
         })
     }
 
-    /// Inverse depths of a block's pixels, and as many numbers more; kept within the triangle's own
-    /// range, which only matters for slivers.
+    /// Inverse depths of a block's pixels, and as many numbers more.
     #[inline(always)]
     pub fn inverse_depth(&self, block: &Block) -> [f64; 2 * SPAN] {
         let mut out = [0.0; 2 * SPAN];
         for (i, out) in out[..SPAN].iter_mut().enumerate() {
-            let row = self.depth.y * block.y[i] + self.depth.z;
-            *out = (row + self.depth.x * block.x[i]).clamp(self.range[0], self.range[1]);
+            *out = self.depth.at(block.x[i], block.y[i]);
         }
         out
     }
@@ -263,7 +290,7 @@ impl Setup {
 
 /// `f64::min`, in one instruction where `b` is a number.
 #[inline(always)]
-fn smaller(a: f64, b: f64) -> f64 {
+pub(super) fn smaller(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
@@ -334,15 +361,25 @@ pub fn pixels(
     let [a, b, c] = face.map(|v| bounds[v as usize]);
     let all = a.and(b).and(c);
     if all.0 == Bounds::BEHIND.0 {
-        let (polygon, n) = in_front(face, &face.map(|v| points[v as usize]));
-        let corners = polygon[..n].iter();
-        corners
-            .map(|p| Bounds::of_point([p.x / p.z, p.y / p.z], camera))
-            .reduce(Bounds::and)?
-            .pixels()
+        pixels_of(face, points, camera)
     } else {
         all.pixels()
     }
+}
+
+/// As [`pixels`], of any triangle.
+#[cold]
+pub(super) fn pixels_of(
+    face: &[u32; 3],
+    points: &[DVec3],
+    camera: &Camera,
+) -> Option<([u32; 2], [u32; 2])> {
+    let (polygon, n) = in_front(face, &face.map(|v| points[v as usize]));
+    let corners = polygon[..n].iter();
+    corners
+        .map(|p| Bounds::of_point([p.x / p.z, p.y / p.z], camera))
+        .reduce(Bounds::and)?
+        .pixels()
 }
 
 /// The part of a triangle in front of the near plane, in the image.
@@ -417,11 +454,11 @@ pub(super) fn clipped_corners(
 ) -> [Option<Setup>; 2] {
     // From the whole triangle, since what the near plane leaves of it may have corners millions of pixels
     // away.
-    let depth = depth_plane(*corners);
+    let plane = depth_plane(*corners);
     let (polygon, n) = in_front(face, corners);
     let part = |i: usize| {
         let corners = [polygon[0], polygon[i - 1], polygon[i]];
-        (i < n).then(|| one(corners, depth, camera)).flatten()
+        (i < n).then(|| one(corners, plane, camera)).flatten()
     };
     [part(2), part(3)]
 }
@@ -464,20 +501,15 @@ fn in_front(face: &[u32; 3], corners: &[DVec3; 3]) -> ([DVec3; 4], usize) {
 
 /// Sets up a triangle in front of the near plane, if it has an area and can cover a pixel's centre.
 #[inline(always)]
-fn one(corners: [DVec3; 3], depth: DVec3, camera: &Camera) -> Option<Setup> {
+fn one(corners: [DVec3; 3], plane: DVec3, camera: &Camera) -> Option<Setup> {
     let mut s = corners.map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z]);
     let [a, b, c] = s.map(|p| Bounds::of_point([p[0], p[1]], camera));
     let (low, high) = a.and(b).and(c).pixels()?;
     wind(&mut s)?;
-    let edges = edges(&s);
-    let range = [
-        s[0][2].min(s[1][2]).min(s[2][2]),
-        s[0][2].max(s[1][2]).max(s[2][2]),
-    ];
+    let range = range([s[0][2], s[1][2], s[2][2]]);
     Some(Setup {
-        edges,
-        depth,
-        range,
+        edges: edges(&s),
+        depth: Depth { plane, range },
         low,
         high,
     })

@@ -20,7 +20,7 @@ use crate::error::Result;
 use crate::methods::accumulation::occluders::{Occluders, Side};
 use crate::methods::accumulation::patches::Parallelogram;
 use crate::methods::accumulation::transform::camera;
-use crate::raster::{SPAN, Sink, Tile, project, rasterize_projected};
+use crate::raster::{SPAN, Sink, Tile, rasterize_projected};
 
 /// Below this many texels times weights, or four a texel of the window, a sum is as fast as a transform.
 const DIRECT: usize = 1 << 14;
@@ -112,8 +112,7 @@ impl HardShadow {
         let Some(view) = camera(eye, &window.on(&side.bounds), [width, height]) else {
             return Ok(HardShadow { scales, fine });
         };
-        let (points, bounds): (Vec<_>, Vec<_>) =
-            occluders.points.iter().map(|p| project(*p, &view)).unzip();
+        let points: Vec<_> = occluders.points.iter().map(|p| view.project(*p)).collect();
         let faces: Vec<[u32; 3]> = [&occluders.opaque, &occluders.closed]
             .into_iter()
             .flatten()
@@ -126,7 +125,7 @@ impl HardShadow {
         // Its steps are no steps of the method's.
         let quiet = Control::default();
         control.check()?;
-        let tiles = rasterize_projected(&points, &bounds, &faces, |_| true, &view, &quiet, make)?;
+        let tiles = rasterize_projected(&points, &faces, |_| true, &view, &quiet, make)?;
         for (tile, depths) in tiles {
             for (i, [near, far]) in depths.range.iter().enumerate() {
                 if far < near {

@@ -1,0 +1,272 @@
+//! Triangles of a few pixels, whose pixels are found where they are put into bins.
+//!
+//! In a dense mesh most triangles hold no pixel's centre, or that of one or two. A [`Block`] of them is looked at
+//! together: bounds, and the edge functions at the centre of those whose bounds hold one, are loops over columns
+//! of numbers. No edges are kept, and a triangle need not be wound first: inside are the pixels at which all
+//! three edge functions have one sign. The functions are those of [`super::setup`], to the last bit; where one could be
+//! rounding, where a corner is behind the near plane or very far off, and where there are more pixels, the
+//! triangle is left to it.
+
+use glam::DVec3;
+
+use super::SPAN;
+use super::setup::{self, SHAPES, Shape};
+use crate::camera::Camera;
+use crate::simd::{Lanes, detect, dispatch};
+
+/// Triangles that are looked at together.
+pub(super) const BLOCK: usize = 64;
+
+/// Most pixels in the bounds of a triangle of few, in two of [`SHAPES`]: beyond, setting it up pays.
+const MOST: i32 = 2 * SPAN as i32;
+
+/// Largest coordinate in the image of a corner that is looked at here: products of two are far from overflow.
+const FARTHEST: f64 = (1u64 << 40) as f64;
+
+type Column<T> = [T; BLOCK];
+
+/// What a triangle covers: no pixel's centre.
+const NOTHING: u8 = 0;
+/// The pixels that are known.
+const FEW: u8 = 1;
+/// What is still to be found.
+const MORE: u8 = 2;
+
+/// What is known of the pixels that a triangle covers.
+pub(super) enum Covered {
+    /// None.
+    Nothing,
+    /// These.
+    Few(Pixels),
+    /// Perhaps some of those between a first and a last column and row.
+    Within([u32; 2], [u32; 2]),
+    /// Nothing is known.
+    Unknown,
+}
+
+/// A few pixels.
+pub(super) struct Pixels {
+    low: [u32; 2],
+    high: [u32; 2],
+    shape: &'static Shape,
+    mask: u16,
+}
+
+impl Pixels {
+    /// First and last column and row.
+    pub(super) fn bounds(&self) -> ([u32; 2], [u32; 2]) {
+        (self.low, self.high)
+    }
+}
+
+impl Iterator for Pixels {
+    type Item = [u32; 2];
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<[u32; 2]> {
+        let i = self.mask.trailing_zeros();
+        self.mask &= self.mask.wrapping_sub(1);
+        let (x, y) = (i % self.shape.columns, i / self.shape.columns);
+        (i < u16::BITS).then_some([self.low[0] + x, self.low[1] + y])
+    }
+}
+
+/// Where a projected point is in the image; not a number if that is not to be looked at here.
+#[inline(always)]
+pub(super) fn on_screen(p: DVec3) -> [f64; 2] {
+    let q = [p.x / p.z, p.y / p.z];
+    if p.z >= setup::NEAR && q[0].abs() <= FARTHEST && q[1].abs() <= FARTHEST {
+        q
+    } else {
+        [f64::NAN; 2]
+    }
+}
+
+/// Triangles that are looked at together, and what is found.
+pub(super) struct Block {
+    x: [Column<f64>; 3],
+    y: [Column<f64>; 3],
+    /// First column and row, and the last.
+    low: [Column<i32>; 2],
+    high: [Column<i32>; 2],
+    /// Pixels, as they lie in the shape for their width.
+    mask: Column<u16>,
+    what: Column<u8>,
+}
+
+impl Block {
+    pub(super) fn new() -> Self {
+        Block {
+            x: [[f64::NAN; BLOCK]; 3],
+            y: [[f64::NAN; BLOCK]; 3],
+            low: [[0; BLOCK]; 2],
+            high: [[0; BLOCK]; 2],
+            mask: [0; BLOCK],
+            what: [NOTHING; BLOCK],
+        }
+    }
+
+    /// Looks at up to [`BLOCK`] triangles, whose vertices are at `screen` ([`on_screen`]).
+    pub(super) fn look(&mut self, faces: &[[u32; 3]], screen: &[[f64; 2]], camera: &Camera) {
+        // `take` says to the compiler that no block is longer, which then leaves out checks of `i`.
+        for (i, face) in faces.iter().enumerate().take(BLOCK) {
+            for (corner, &v) in face.iter().enumerate() {
+                [self.x[corner][i], self.y[corner][i]] = screen[v as usize];
+            }
+        }
+        let (block, size) = (self, [camera.width as i32, camera.height as i32]);
+        dispatch!(detect() => look_lanes(block: &mut Block, size: [i32; 2]));
+    }
+
+    /// What triangle `i` covers.
+    #[inline(always)]
+    pub(super) fn covered(&self, i: usize) -> Covered {
+        let corner = |at: &[Column<i32>; 2]| [at[0][i] as u32, at[1][i] as u32];
+        let (low, high) = (corner(&self.low), corner(&self.high));
+        match self.what[i] {
+            NOTHING => Covered::Nothing,
+            FEW => Covered::Few(Pixels {
+                low,
+                high,
+                shape: shape_of(high[0] - low[0] + 1),
+                mask: self.mask[i],
+            }),
+            _ if self.x.iter().any(|x| x[i].is_nan()) => Covered::Unknown,
+            _ => Covered::Within(low, high),
+        }
+    }
+
+    /// Finds the pixels of triangle `i`, of those between its bounds.
+    ///
+    /// # Safety
+    /// As for every function of [`Lanes`].
+    #[inline(always)]
+    unsafe fn find<S: Lanes>(&mut self, i: usize) {
+        let mut edges = [([0.0; 2], [0.0; 2]); 3];
+        for k in 0..3 {
+            let (a, b) = (k, (k + 1) % 3);
+            let from = [self.x[a][i], self.y[a][i]];
+            edges[k] = edge(from, [self.x[b][i], self.y[b][i]]);
+        }
+        let [x, y] = [self.low[0][i] as u32, self.low[1][i] as u32];
+        let [columns, rows] = [0, 1].map(|k| (self.high[k][i] - self.low[k][i] + 1) as u32);
+        let shape = shape_of(columns);
+        let in_block = SPAN as u32 / shape.columns;
+        let mut found = 0u16;
+        for half in 0..2 {
+            let done = half * in_block;
+            if done >= rows {
+                break;
+            }
+            let block = setup::Block::new(shape, x, y + done);
+            let within = shape.first(columns, rows - done);
+            let (mut least, mut most) = ([f64::INFINITY; SPAN], [f64::INFINITY; SPAN]);
+            let mut clear = [f64::INFINITY; SPAN];
+            for (from, along) in &edges {
+                for j in 0..SPAN {
+                    let (value, distance) = at(*from, *along, [block.x[j], block.y[j]]);
+                    least[j] = setup::smaller(value, least[j]);
+                    most[j] = setup::smaller(-value, most[j]);
+                    clear[j] = setup::smaller(distance, clear[j]);
+                }
+            }
+            // SAFETY: the caller enabled the features of `S`.
+            let (left, right, clear) =
+                unsafe { (S::positive(&least), S::positive(&most), S::positive(&clear)) };
+            if within & !clear != 0 {
+                self.what[i] = MORE;
+                return;
+            }
+            found |= u16::from((left | right) & within) << (half * SPAN as u32);
+        }
+        self.mask[i] = found;
+        self.what[i] = if found == 0 { NOTHING } else { FEW };
+    }
+}
+
+/// The shape in which pixels of so many columns, at most [`SPAN`], lie.
+#[inline(always)]
+fn shape_of(columns: u32) -> &'static Shape {
+    &SHAPES[columns.next_power_of_two().trailing_zeros().min(3) as usize]
+}
+
+/// The end that an edge's function is taken from, the lower one, and the edge's extent.
+#[inline(always)]
+fn edge(a: [f64; 2], b: [f64; 2]) -> ([f64; 2], [f64; 2]) {
+    let flip = (b[0] < a[0]) | ((b[0] == a[0]) & (b[1] < a[1]));
+    let from = if flip { b } else { a };
+    (from, [b[0] - a[0], b[1] - a[1]])
+}
+
+/// An edge's function at a point, and its distance from what could be rounding.
+#[inline(always)]
+fn at(from: [f64; 2], along: [f64; 2], p: [f64; 2]) -> (f64, f64) {
+    let (term, other) = (along[0] * (p[1] - from[1]), along[1] * (p[0] - from[0]));
+    let value = term - other;
+    let doubt = setup::DOUBT * (term.abs() + other.abs());
+    (value, value.abs() - doubt)
+}
+
+/// Of `size` pixels, the first with its centre at `low` or after it and the last with its centre at `high` or before,
+/// as [`setup::Bounds`] has them.
+#[inline(always)]
+fn centres(low: f64, high: f64, size: i32) -> (i32, i32) {
+    let within = |x: f64| (x - 0.5).clamp(-1.0, f64::from(size));
+    let (low, high) = (within(low), within(high));
+    let (first, last) = (low as i32, high as i32);
+    let first = first + i32::from(f64::from(first) < low);
+    let last = last - i32::from(f64::from(last) > high);
+    (first.max(0), last.min(size - 1))
+}
+
+/// The first loop is free of branches, for the compiler's vectoriser.
+#[inline(always)]
+unsafe fn look_lanes<S: Lanes>(block: &mut Block, size: [i32; 2]) {
+    for i in 0..BLOCK {
+        let x = [block.x[0][i], block.x[1][i], block.x[2][i]];
+        let y = [block.y[0][i], block.y[1][i], block.y[2][i]];
+        let least = |v: [f64; 3]| setup::smaller(setup::smaller(v[0], v[1]), v[2]);
+        let most = |v: [f64; 3]| -setup::smaller(setup::smaller(-v[0], -v[1]), -v[2]);
+        let (first_x, last_x) = centres(least(x), most(x), size[0]);
+        let (first_y, last_y) = centres(least(y), most(y), size[1]);
+        let (columns, rows) = (last_x - first_x + 1, last_y - first_y + 1);
+        // Of a triangle with one pixel in its bounds, all is found here.
+        let p = [f64::from(first_x) + 0.5, f64::from(first_y) + 0.5];
+        let (mut left, mut right, mut clear) = (true, true, true);
+        for k in 0..3 {
+            let next = (k + 1) % 3;
+            let (from, along) = edge([x[k], y[k]], [x[next], y[next]]);
+            let (value, distance) = at(from, along, p);
+            left &= value > 0.0;
+            right &= value < 0.0;
+            clear &= distance > 0.0;
+        }
+        let known = (x[0] + x[1] + x[2]) + (y[0] + y[1] + y[2]);
+        let known = known == known;
+        let some = (columns > 0) & (rows > 0);
+        let one = (columns == 1) & (rows == 1);
+        let stride = if columns > 4 {
+            8
+        } else if columns > 2 {
+            4
+        } else {
+            columns
+        };
+        let few = (columns <= SPAN as i32) & (rows <= MOST) & (stride * rows <= MOST);
+        let hit = if left | right { FEW } else { NOTHING };
+        let of_one = if clear { hit } else { MORE };
+        let of_some = if few { FEW } else { MORE };
+        let of_box = if one { of_one } else { of_some };
+        let of_known = if some { of_box } else { NOTHING };
+        block.what[i] = if known { of_known } else { MORE };
+        (block.low[0][i], block.low[1][i]) = (first_x, first_y);
+        (block.high[0][i], block.high[1][i]) = (last_x, last_y);
+        block.mask[i] = u16::from(one);
+    }
+    for i in 0..BLOCK {
+        if block.what[i] == FEW && block.mask[i] == 0 {
+            // SAFETY: the caller enabled the features of `S`.
+            unsafe { block.find::<S>(i) };
+        }
+    }
+}
