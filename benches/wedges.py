@@ -112,6 +112,8 @@ def errors(size: int, samples: int) -> Iterable[dict[str, Any]]:
         "linear": ss.Wedges("linear"),
         "smooth": ss.Wedges("smooth"),
         "line, no extra wedges": ss.Wedges("line", vertex_angle=180.0),
+        # The paper's own comparison (Section 7, Figures 7 and 13).
+        "accumulation, 128 points": ss.Accumulation(samples=128),
     }
     yield from against_reference(error_scenes(size), methods, samples)
 

@@ -46,6 +46,34 @@ def test_the_figures_of_the_paper(name):
     assert error["penumbra_mae"] < hard["penumbra_mae"] / 20
 
 
+ACCUMULATED = {
+    # Mean difference from accumulation's 1024 points over their penumbra, a quarter above what was
+    # measured:
+    "two_cylinders": 0.0046,  # 0.00368
+    "growing_light": 0.0035,  # 0.00279
+    "acute_triangle": 0.0028,  # 0.00224
+    "overlapping_boards": 0.0080,  # 0.00642
+    "landscape": 0.0039,  # 0.00312
+    "two_lights": 0.0029,  # 0.00230
+}
+
+
+@pytest.mark.parametrize("name", ACCUMULATED)
+def test_the_figures_of_the_paper_beside_accumulation(name):
+    setup = getattr(ss.scenes, name)(128, 128)
+    many, few = (
+        ss.render(setup.scene, setup.camera, setup.lights, ss.Accumulation(samples=n))
+        for n in (1024, 128)
+    )
+    assert _errors(setup, "wedges", many)["penumbra_mae"] < ACCUMULATED[name]
+    # The paper finds its pictures "remarkably similar" to 128 points; they are nearer to the truth
+    # than those: 0.0014 to 0.0059 against 0.0074 to 0.0144.
+    reference = ss.render(setup.scene, setup.camera, setup.lights, REFERENCE)
+    mask = np.broadcast_to(few.mask, few.visibility.shape)
+    points = metrics.errors(few.visibility, reference.visibility, mask)
+    assert _errors(setup, "wedges", reference)["penumbra_mae"] < points["penumbra_mae"]
+
+
 CLOSED = {
     "ball": lambda: over_ground(ball((0, 0, 0.6), 0.35)),
     "box": lambda: over_ground(box((0.6, 0.5, 0.4), (0, 0, 0.6))),
