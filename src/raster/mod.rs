@@ -127,6 +127,16 @@ impl Item {
     /// Says that the triangle's pixels are still to be found.
     const WHOLE: u32 = u32::MAX;
 
+    /// A pixel of the image.
+    #[inline(always)]
+    fn new(triangle: u32, x: u32, y: u32, depth: &Depth) -> Self {
+        Item {
+            triangle,
+            pixel: x % TILE + y % TILE * TILE,
+            inverse_depth: depth.at(f64::from(x) + 0.5, f64::from(y) + 0.5),
+        }
+    }
+
     fn whole(triangle: u32) -> Self {
         Item {
             triangle,
@@ -204,31 +214,23 @@ fn rasterize_on_screen<S: Sink>(
                 pairs.clear();
                 for (b, faces) in faces.chunks(small::BLOCK).enumerate() {
                     block.look(faces, screen, camera);
+                    if S::takes_pixels() {
+                        block.find_depth(faces, points);
+                    }
                     for (i, face) in faces.iter().enumerate() {
                         let triangle = (c * CHUNK + b * small::BLOCK + i) as u32;
                         let within = match block.covered(i) {
                             Covered::Nothing => continue,
-                            Covered::Few(pixels) if S::takes_pixels() => {
+                            Covered::Few(pixels, depth) if S::takes_pixels() => {
                                 if keep(triangle) {
-                                    let depth = Depth::new(&face.map(|v| points[v as usize]));
                                     pairs.extend(pixels.map(|[x, y]| {
                                         let tile = y / TILE * columns + x / TILE;
-                                        let pixel = x % TILE + y % TILE * TILE;
-                                        let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
-                                        let inverse_depth = depth.at(x, y);
-                                        (
-                                            tile,
-                                            Item {
-                                                triangle,
-                                                pixel,
-                                                inverse_depth,
-                                            },
-                                        )
+                                        (tile, Item::new(triangle, x, y, &depth))
                                     }));
                                 }
                                 continue;
                             }
-                            Covered::Few(pixels) => Some(pixels.bounds()),
+                            Covered::Few(pixels, _) => Some(pixels.bounds()),
                             Covered::Within(low, high) => Some((low, high)),
                             Covered::Unknown => setup::pixels_of(face, points, camera),
                         };

@@ -68,7 +68,7 @@ impl EdgeFunction {
 }
 
 /// Inverse depth of a triangle in the image.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Depth {
     /// At `(x, y)` it is `plane · (x, y, 1)`.
     plane: DVec3,
@@ -80,7 +80,8 @@ impl Depth {
     /// Of a triangle in front of the near plane.
     #[inline(always)]
     pub(super) fn new(corners: &[DVec3; 3]) -> Self {
-        let range = range(corners.map(|p| 1.0 / p.z));
+        let [a, b, c] = corners;
+        let range = range([1.0 / a.z, 1.0 / b.z, 1.0 / c.z]);
         let plane = depth_plane(*corners);
         Depth { plane, range }
     }

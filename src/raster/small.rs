@@ -10,7 +10,7 @@
 use glam::DVec3;
 
 use super::SPAN;
-use super::setup::{self, SHAPES, Shape};
+use super::setup::{self, Depth, SHAPES, Shape};
 use crate::camera::Camera;
 use crate::simd::{Lanes, detect, dispatch};
 
@@ -36,8 +36,8 @@ const MORE: u8 = 2;
 pub(super) enum Covered {
     /// None.
     Nothing,
-    /// These.
-    Few(Pixels),
+    /// These. Their depth is known if it was asked for.
+    Few(Pixels, Depth),
     /// Perhaps some of those between a first and a last column and row.
     Within([u32; 2], [u32; 2]),
     /// Nothing is known.
@@ -92,6 +92,11 @@ pub(super) struct Block {
     /// Pixels, as they lie in the shape for their width.
     mask: Column<u16>,
     what: Column<u8>,
+    /// Of triangles of few pixels: their place in the columns that follow.
+    place: Column<u8>,
+    /// Projected corners.
+    corners: [[Column<f64>; 3]; 3],
+    depth: [Depth; BLOCK],
 }
 
 impl Block {
@@ -103,6 +108,9 @@ impl Block {
             high: [[0; BLOCK]; 2],
             mask: [0; BLOCK],
             what: [NOTHING; BLOCK],
+            place: [0; BLOCK],
+            corners: [[[1.0; BLOCK]; 3]; 3],
+            depth: [Depth::default(); BLOCK],
         }
     }
 
@@ -118,6 +126,24 @@ impl Block {
         dispatch!(detect() => look_lanes(block: &mut Block, size: [i32; 2]));
     }
 
+    /// Finds the depth of the triangles of few pixels, of those that [`Block::look`] was given.
+    pub(super) fn find_depth(&mut self, faces: &[[u32; 3]], points: &[DVec3]) {
+        let (mut few, mut count) = ([0; BLOCK], 0);
+        for (i, &what) in self.what.iter().enumerate().take(faces.len()) {
+            self.place[i] = count as u8;
+            few[count % BLOCK] = i;
+            count += usize::from(what == FEW);
+        }
+        for (k, &i) in few.iter().enumerate().take(count) {
+            for (corner, &v) in self.corners.iter_mut().zip(&faces[i]) {
+                let p = points[v as usize];
+                (corner[0][k], corner[1][k], corner[2][k]) = (p.x, p.y, p.z);
+            }
+        }
+        let block = self;
+        dispatch!(detect() => depth_lanes(block: &mut Block, count: usize));
+    }
+
     /// What triangle `i` covers.
     #[inline(always)]
     pub(super) fn covered(&self, i: usize) -> Covered {
@@ -125,12 +151,15 @@ impl Block {
         let (low, high) = (corner(&self.low), corner(&self.high));
         match self.what[i] {
             NOTHING => Covered::Nothing,
-            FEW => Covered::Few(Pixels {
-                low,
-                high,
-                shape: shape_of(high[0] - low[0] + 1),
-                mask: self.mask[i],
-            }),
+            FEW => {
+                let pixels = Pixels {
+                    low,
+                    high,
+                    shape: shape_of(high[0] - low[0] + 1),
+                    mask: self.mask[i],
+                };
+                Covered::Few(pixels, self.depth[self.place[i] as usize])
+            }
             _ if self.x.iter().any(|x| x[i].is_nan()) => Covered::Unknown,
             _ => Covered::Within(low, high),
         }
@@ -268,5 +297,19 @@ unsafe fn look_lanes<S: Lanes>(block: &mut Block, size: [i32; 2]) {
             // SAFETY: the caller enabled the features of `S`.
             unsafe { block.find::<S>(i) };
         }
+    }
+}
+
+/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
+#[inline(always)]
+unsafe fn depth_lanes<S: Lanes>(block: &mut Block, count: usize) {
+    let [a, b, c] = &block.corners;
+    let at = |[x, y, z]: &[Column<f64>; 3], k: usize| DVec3::new(x[k], y[k], z[k]);
+    for k in 0..count.min(BLOCK) {
+        block.depth[k] = Depth::new(&[at(a, k), at(b, k), at(c, k)]);
     }
 }

@@ -230,16 +230,16 @@ impl Prepared for PreparedSsoc {
                 let cameras = faces.iter().map(|m| &m.view.camera);
                 most_central(cameras, light.center(), p)
             };
-            let map = match &maps[..] {
-                [one] => Some(one),
+            let look = |map: &Maps| lookup.visibility(map, p, n);
+            let seen = match &maps[..] {
+                [one] => look(one),
                 // Faces that hold only what is behind everything come after a view that holds the rest.
-                [first, rest @ ..] if rest[0].view.only.is_some() => match first.view.holds(p) {
-                    true => Some(first),
-                    false => rest.get(central(rest)),
-                },
-                faces => faces.get(central(faces)),
+                [first, rest @ ..] if rest[0].view.only.is_some() => {
+                    look(first).or_else(|| look(rest.get(central(rest))?))
+                }
+                faces => faces.get(central(faces)).and_then(look),
             };
-            let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
+            let seen = seen.unwrap_or(1.0);
             seen.min(h) as f32
         };
         let parts: Vec<Vec<f32>> = receivers
