@@ -258,9 +258,8 @@ pub fn project(p: DVec3, camera: &Camera) -> (DVec3, Bounds) {
     (p, Bounds::of_vertex(p, camera))
 }
 
-/// As [`rasterize_projected`], of points for each of which [`project`] was called and without depth, for
-/// triangles that mostly lie in many tiles: spans start at the first covered pixel of a row, and their inverse
-/// depths are 0.
+/// As [`rasterize_projected`], of points for each of which [`project`] was called and without depth: spans start
+/// at the first covered pixel of a row, and their inverse depths are 0.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
@@ -273,16 +272,28 @@ pub fn cover_projected<S: Sink>(
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
     let chunks = bins(points, bounds, faces, camera, control)?;
-    let rows: Vec<_> = faces
-        .par_iter()
-        .map(|face| Rows::new(face, points, bounds, camera))
-        .collect();
+    // Set up once where it is for many tiles: kept for all triangles, it takes longer to write and to read.
+    let rows_of = |face: &[u32; 3]| Rows::new(face, points, bounds, camera);
+    let wide = |face: &[u32; 3]| {
+        let (low, high) = setup::pixels(face, points, bounds, camera)?;
+        let [columns, rows] = [0, 1].map(|i| high[i] / TILE - low[i] / TILE + 1);
+        (columns * rows > 2).then(|| Box::new(rows_of(face)))
+    };
+    let known: Vec<_> = faces.par_iter().map(wide).collect();
     each_tile(&chunks, camera, control, make, |triangles, tile, sink| {
         for &triangle in triangles {
             if !sink.wants(triangle) {
                 continue;
             }
-            for rows in rows[triangle as usize].iter().flatten() {
+            let found;
+            let rows = match &known[triangle as usize] {
+                Some(rows) => &**rows,
+                None => {
+                    found = rows_of(&faces[triangle as usize]);
+                    &found
+                }
+            };
+            for rows in rows.iter().flatten() {
                 rows.within(tile, |y, first, last| {
                     for x in (first..=last).step_by(SPAN) {
                         let mask = u8::MAX >> (SPAN as u32 - (last - x + 1).min(SPAN as u32));

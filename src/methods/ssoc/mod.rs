@@ -114,17 +114,20 @@ impl Ssoc {
         let more = if self.distorted { SEEN_BYTES } else { 0 };
         check_memory(&views, TEXEL_BYTES + more)?;
         control.check()?;
-        let mut maps = Vec::with_capacity(views.len());
-        for view in views {
-            maps.push(Maps::shadow_map(view, casters, &casts)?);
-            control.check()?;
-        }
+        // Side by side, as most of a cube's faces hold little.
+        let mut maps: Vec<Maps> = views
+            .into_par_iter()
+            .map(|view| {
+                control.check()?;
+                Maps::shadow_map(view, casters, &casts)
+            })
+            .collect::<Result<_>>()?;
         let shadow = start.elapsed().as_secs_f64();
         if !is_point(light) {
-            for map in &mut maps {
-                map.distortion(edges, geometry)?;
+            maps.par_iter_mut().try_for_each(|map| {
                 control.check()?;
-            }
+                map.distortion(edges, geometry)
+            })?;
         }
         Ok((maps, [shadow, start.elapsed().as_secs_f64() - shadow]))
     }
