@@ -10,7 +10,8 @@
 use glam::DVec3;
 
 use super::SPAN;
-use super::setup::{self, Depth, SHAPES, Shape};
+use super::depth::Depth;
+use super::setup::{self, SHAPES, Shape};
 use crate::camera::Camera;
 use crate::simd::{Lanes, detect, dispatch};
 

@@ -17,7 +17,7 @@ use crate::methods::views::View;
 use crate::methods::wedges::contour::{Casters, Edge};
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::setup::{Bounds, NEAR};
-use crate::raster::{SPAN, Sink, Tile, cover_projected, image, rasterize};
+use crate::raster::{SPAN, Sink, Tile, cover_projected, filled, image, rasterize};
 
 /// Texels that an edge reaches beyond its penumbra: a lookup's neighbours are up to one away in each
 /// direction.
@@ -39,6 +39,9 @@ const WIDE: f64 = 8.0 * NARROW;
 
 /// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
 const FAN: f64 = std::f64::consts::FRAC_PI_4;
+
+/// Lines, or corners between them, that one task draws.
+const PART: usize = 1024;
 
 /// A silhouette edge in the image, what it hides on its left (as rows run downwards, towards the negative
 /// side of [`Line::normal`]).
@@ -377,32 +380,65 @@ struct Drawing {
 
 impl Drawing {
     fn new(lines: &[Line], joints: &[[u32; 2]], loose: &[(u32, bool)], view: &View) -> Self {
-        let mut out = Drawing::default();
-        for (i, line) in lines.iter().enumerate() {
-            let side = line.normal() * line.reach;
-            let end = line.start + line.along * line.length;
-            let corners = [line.start - side, end - side, end + side, line.start + side];
-            out.triangle(i as u32, [corners[0], corners[1], corners[2]]);
-            out.triangle(i as u32, [corners[0], corners[2], corners[3]]);
+        let of_lines = lines.par_chunks(PART).enumerate().map(|(part, chunk)| {
+            let mut out = Drawing::default();
+            for (i, line) in (part * PART..).zip(chunk) {
+                let side = line.normal() * line.reach;
+                let end = line.start + line.along * line.length;
+                let corners = [line.start - side, end - side, end + side, line.start + side];
+                out.triangle(i as u32, [corners[0], corners[1], corners[2]]);
+                out.triangle(i as u32, [corners[0], corners[2], corners[3]]);
+            }
+            out
+        });
+        let of_joints = joints.par_chunks(PART).map(|chunk| {
+            let mut out = Drawing::default();
+            for &[before, after] in chunk {
+                out.corner(lines, before, after);
+            }
+            out
+        });
+        let of_loose = loose.par_chunks(PART).map(|chunk| {
+            let mut out = Drawing::default();
+            for &(line, starts) in chunk {
+                out.cap(lines, line, starts);
+            }
+            out
+        });
+        Drawing::join(of_lines.chain(of_joints).chain(of_loose).collect(), view)
+    }
+
+    /// One drawing of several, whose triangles come in their order.
+    fn join(parts: Vec<Drawing>, view: &View) -> Self {
+        let count = parts.iter().map(|part| part.line_of.len()).sum();
+        let mut out = Drawing {
+            points: filled(DVec3::ZERO, 3 * count),
+            line_of: filled(NONE, count),
+            ..Drawing::default()
+        };
+        let mut left = (&mut out.points[..], &mut out.line_of[..]);
+        let mut places = Vec::with_capacity(parts.len());
+        for part in &parts {
+            let (points, line_of);
+            (points, left.0) = left.0.split_at_mut(part.points.len());
+            (line_of, left.1) = left.1.split_at_mut(part.line_of.len());
+            places.push((part, points, line_of));
         }
-        for &[before, after] in joints {
-            out.corner(lines, before, after);
-        }
-        for &(line, starts) in loose {
-            out.cap(lines, line, starts);
-        }
-        out.bounds = out
-            .points
-            .par_iter()
+        places.into_par_iter().for_each(|(part, points, line_of)| {
+            points.copy_from_slice(&part.points);
+            line_of.copy_from_slice(&part.line_of);
+        });
+        let faces = (0..count as u32).into_par_iter();
+        out.faces = faces.map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let bounds = out.points.par_iter();
+        out.bounds = bounds
             .map(|&p| Bounds::of_vertex(p, &view.camera))
             .collect();
         out
     }
 
     fn triangle(&mut self, line: u32, corners: [DVec2; 3]) {
-        let first = self.points.len() as u32;
         self.points.extend(corners.map(|p| p.extend(1.0)));
-        self.faces.push([first, first + 1, first + 2]);
         self.line_of.push(line);
     }
 
