@@ -167,7 +167,7 @@ impl Casters {
             let (faces, adjacency) = mesh.mesh.oriented();
             let found = silhouette_edges(position, faces, adjacency, center);
             let start = out.len();
-            out.par_extend(found.par_iter().map(|s| {
+            out.extend(found.iter().map(|s| {
                 let [mut a, mut b] = adjacency.edges()[s.edge as usize];
                 let (mut front, mut back) = (s.front, s.back);
                 if front + back < 0 {
