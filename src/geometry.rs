@@ -205,9 +205,16 @@ impl Geometry {
     }
 
     /// Corners of a triangle.
-    #[inline]
+    #[inline(always)]
     pub fn corners(&self, face: u32) -> [Vec3; 3] {
-        self.faces[face as usize].map(|v| self.positions[v as usize])
+        // `map` is a call in some callers, and this is in their inner loops.
+        let [a, b, c] = self.faces[face as usize];
+        let positions = &self.positions;
+        [
+            positions[a as usize],
+            positions[b as usize],
+            positions[c as usize],
+        ]
     }
 
     /// The mesh that a triangle belongs to.

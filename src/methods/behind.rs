@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::views::CHUNK;
 use crate::methods::wedges::contour::Casters;
 use crate::sampling::POINT_OFFSET;
-use crate::simd::{Lanes, detect, dispatch};
+use crate::simd::{LANES, Lanes, detect, dispatch};
 
 /// Most comparisons of triangles with all vertices in the search for those with nothing behind them, some ten
 /// milliseconds: a ground of many triangles makes the view wider instead.
@@ -172,38 +172,74 @@ unsafe fn look_lanes<S: Lanes>(
     }
 }
 
+/// Directions in which extreme positions are looked for, and against them.
+const DIRECTIONS: [Vec3; 7] = [
+    Vec3::X,
+    Vec3::Y,
+    Vec3::Z,
+    Vec3::new(1.0, 1.0, 1.0),
+    Vec3::new(1.0, 1.0, -1.0),
+    Vec3::new(1.0, -1.0, 1.0),
+    Vec3::new(-1.0, 1.0, 1.0),
+];
+
 /// Extreme positions along the axes and the diagonals, the first of those that are equal.
 fn extremes(positions: &[Vec3]) -> Vec<DVec3> {
-    let signs = |x: i32, y: i32, z: i32| Vec3::new(x as f32, y as f32, z as f32);
-    let directions = [
-        signs(1, 0, 0),
-        signs(0, 1, 0),
-        signs(0, 0, 1),
-        signs(1, 1, 1),
-        signs(1, 1, -1),
-        signs(1, -1, 1),
-        signs(-1, 1, 1),
-    ];
-    let largest = |d: Vec3, positions: &[Vec3]| {
-        let along = positions.iter().map(|p| d.dot(*p));
-        along.fold(f32::NEG_INFINITY, |most, x| if x > most { x } else { most })
-    };
-    let all = directions.iter().flat_map(|&d| [d, -d]);
-    let all: Vec<Vec3> = all.collect();
     // The largest of each chunk first: looking for where it is takes longer.
-    let parts: Vec<Vec<f32>> = positions
-        .par_chunks(CHUNK)
-        .map(|positions| all.iter().map(|&d| largest(d, positions)).collect())
-        .collect();
-    let first = |(k, d): (usize, &Vec3)| {
-        let most = parts.iter().map(|part| part[k]).reduce(f32::max)?;
-        let chunk = parts.iter().position(|part| part[k] == most)?;
+    let parts: Vec<[[f32; 2]; 7]> = positions.par_chunks(CHUNK).map(largest).collect();
+    let first = |k: usize| {
+        let (d, side) = (DIRECTIONS[k / 2], k % 2);
+        let along = |p: Vec3| if side == 0 { d.dot(p) } else { -d.dot(p) };
+        let of_parts = parts.iter().map(|part| part[k / 2][side]);
+        let most = of_parts.clone().reduce(f32::max)?;
+        let chunk = of_parts.into_iter().position(|part| part == most)?;
         let rest = &positions[chunk * CHUNK..];
-        rest.iter()
-            .find(|p| d.dot(**p) == most)
-            .map(|p| p.as_dvec3())
+        let found = rest.iter().find(|p| along(**p) == most);
+        found.map(|p| p.as_dvec3())
     };
-    all.iter().enumerate().filter_map(first).collect()
+    (0..14).filter_map(first).collect()
+}
+
+/// The largest products of positions with each direction and its opposite.
+fn largest(positions: &[Vec3]) -> [[f32; 2]; 7] {
+    let mut most = [[[f32::NEG_INFINITY; LANES]; 2]; 7];
+    let mut columns = [[0.0; BLOCK]; 3];
+    for positions in positions.chunks(BLOCK) {
+        // What is missing from the last block is its first position.
+        for i in 0..BLOCK {
+            let p = positions[if i < positions.len() { i } else { 0 }];
+            (columns[0][i], columns[1][i], columns[2][i]) = (p.x, p.y, p.z);
+        }
+        let (from, into) = (&columns, &mut most);
+        dispatch!(detect() => largest_lanes(
+            from: &[[f32; BLOCK]; 3], into: &mut [[[f32; LANES]; 2]; 7],
+        ));
+    }
+    most.map(|sides| sides.map(|lanes| lanes.into_iter().fold(f32::NEG_INFINITY, f32::max)))
+}
+
+/// As [`look_lanes`].
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
+#[inline(always)]
+unsafe fn largest_lanes<S: Lanes>(
+    [x, y, z]: &[[f32; BLOCK]; 3],
+    most: &mut [[[f32; LANES]; 2]; 7],
+) {
+    for (k, d) in DIRECTIONS.iter().enumerate() {
+        let [mut up, mut down] = most[k];
+        for block in 0..BLOCK / LANES {
+            for i in 0..LANES {
+                let j = block * LANES + i;
+                let along = d.dot(Vec3::new(x[j], y[j], z[j]));
+                up[i] = if along > up[i] { along } else { up[i] };
+                down[i] = if -along > down[i] { -along } else { down[i] };
+            }
+        }
+        most[k] = [up, down];
+    }
 }
 
 #[cfg(test)]

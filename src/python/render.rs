@@ -1,5 +1,6 @@
 //! Preparing a method for a scene, rendering images and answering at points.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -16,7 +17,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::memory::{fill, unwritten, written};
+use crate::memory::{fill, filled, unwritten, written};
 use crate::methods::Prepared;
 use crate::raster::tile_count;
 use crate::receivers::{BLOCK, Receivers, Surface, from_camera, most_groups};
@@ -176,6 +177,28 @@ impl PyPrepared {
     }
 }
 
+/// Rows of blocks of a camera's pixels, in which groups of receivers lie one after the other.
+struct Rows<'a> {
+    /// Pixels in each.
+    pixels: usize,
+    index: &'a [u32],
+}
+
+impl<'a> Rows<'a> {
+    fn new(receivers: &'a Receivers, camera: &Camera) -> Self {
+        Rows {
+            pixels: (camera.width * BLOCK) as usize,
+            index: &receivers.index,
+        }
+    }
+
+    /// The receivers of a row.
+    fn receivers(&self, row: usize) -> Range<usize> {
+        let before = |pixel: usize| self.index.partition_point(|&p| (p as usize) < pixel);
+        before(row * self.pixels)..before((row + 1) * self.pixels)
+    }
+}
+
 impl Ready {
     fn frame(&self, world: &Camera, control: &Control) -> Result<Frame> {
         let geometry = &*self.geometry;
@@ -190,7 +213,7 @@ impl Ready {
         let receivers_seconds = start.elapsed().as_secs_f64();
         control.advance(lights * (most - receivers.group_count()));
         let pixels = camera.pixels();
-        let mut visibility = vec![1.0; pixels * self.lights.len()];
+        let mut visibility = filled(1.0, pixels * self.lights.len());
         let mut irradiances = Vec::with_capacity(self.lights.len());
         let mut shade_seconds = 0.0;
         for (number, light) in self.lights.iter().enumerate() {
@@ -198,8 +221,16 @@ impl Ready {
             let mut shading = self.method.shade(&receivers, number, control)?;
             shade_seconds += shade_start.elapsed().as_secs_f64();
             unshadow(&mut shading, geometry, &surface, &receivers, light);
-            let out = &mut visibility[number * pixels..(number + 1) * pixels];
-            scatter(&receivers, &shading.visibility, out);
+            let rows = Rows::new(&receivers, &camera);
+            visibility[number * pixels..(number + 1) * pixels]
+                .par_chunks_mut(rows.pixels)
+                .enumerate()
+                .for_each(|(row, out)| {
+                    for i in rows.receivers(row) {
+                        out[receivers.index[i] as usize - row * rows.pixels] =
+                            shading.visibility[i];
+                    }
+                });
             irradiances.push(irradiance(shading, &receivers, light));
         }
         let mut frame = self.pixel_arrays(&camera, &surface, &receivers, &irradiances);
@@ -227,13 +258,8 @@ impl Ready {
         let (mut normal, mut depth) = (unwritten(3 * pixels), unwritten(pixels));
         let (mut mask, mut mesh_id) = (unwritten(pixels), unwritten(pixels));
         let mut triangle_id = unwritten(pixels);
-        // Groups of receivers lie row by row of blocks.
-        let rows = (camera.width * BLOCK) as usize;
-        let before = |row: usize| {
-            receivers
-                .index
-                .partition_point(|&p| (p as usize) < row * rows)
-        };
+        let in_rows = Rows::new(receivers, camera);
+        let rows = in_rows.pixels;
         radiance
             .par_chunks_mut(3 * rows)
             .zip(position.par_chunks_mut(3 * rows))
@@ -255,7 +281,7 @@ impl Ready {
                 let (mask, mesh_id) = (fill(mask, false), fill(mesh_id, -1));
                 let triangle_id = fill(triangle_id, -1);
                 let mut last = None;
-                for i in before(row)..before(row + 1) {
+                for i in in_rows.receivers(row) {
                     let pixel = receivers.index[i] as usize;
                     let Some((entry, part)) = surface.hit[pixel].entry(geometry, &mut last) else {
                         continue;

@@ -149,6 +149,14 @@ pub fn triangle([a, b, c]: [u32; 3]) -> Quadrilateral {
     [a, b, c, c]
 }
 
+/// First and last column and row of the pixels that a face before the near plane can cover; `None` if there are none,
+/// or if it reaches behind.
+pub(super) fn within(face: &Quadrilateral, bounds: &[Bounds]) -> Option<([u32; 2], [u32; 2])> {
+    let [a, b, c, d] = face.map(|v| bounds[v as usize]);
+    let all = a.and(b).and(c).and(d);
+    if all.is_behind() { None } else { all.pixels() }
+}
+
 impl Rows<4> {
     /// Calls `part` for what is drawn of `face`, of points for each of which [`super::project`] was called.
     pub(super) fn each(
@@ -160,17 +168,15 @@ impl Rows<4> {
     ) {
         let [a, b, c, d] = *face;
         if c != d && face.iter().all(|&v| points[v as usize].z >= NEAR) {
+            let Some((low, high)) = within(face, bounds) else {
+                return;
+            };
             let corners = face.map(|v| {
                 let p = points[v as usize];
                 [p.x / p.z, p.y / p.z]
             });
             if let Some(edges) = setup::convex_edges(&corners) {
-                let within = face.map(|v| bounds[v as usize]);
-                let within = within.into_iter().reduce(Bounds::and);
-                let rows = within
-                    .and_then(Bounds::pixels)
-                    .and_then(|(low, high)| Rows::of(edges, low, high));
-                rows.into_iter().for_each(part);
+                Rows::of(edges, low, high).into_iter().for_each(part);
                 return;
             }
         }

@@ -2,8 +2,9 @@
 //!
 //! - this file: [`rasterize`], which bins triangles to tiles and hands each tile's fragments, triangle
 //!   by triangle, to a [`Sink`] of the caller's choice;
+//! - [`bins`]: which triangles reach into each tile;
 //! - [`small`]: the pixels of triangles that cover a few, found where they are binned;
-//! - [`setup`]: from a triangle in space to edge functions and a depth plane in the image;
+//! - [`setup`]: from a triangle in space to edge functions in the image, and [`depth`], its depth plane there;
 //! - [`nearest`]: the sink that keeps the nearest triangle a pixel;
 //! - [`coverage`]: the pixels that triangles cover, row by row, for hard shadows that need no depth.
 //!
@@ -12,7 +13,9 @@
 //! both triangles at an edge, so there are neither cracks nor double hits (but for a sliver that rounding
 //! folds over its neighbour: it may be hit too). Screen coordinates are not snapped to a grid. Depth is perspective-correct, as `1 / z` in `f64`.
 
+mod bins;
 pub mod coverage;
+mod depth;
 pub mod nearest;
 pub mod setup;
 mod small;
@@ -25,18 +28,16 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::memory::filled;
 use crate::simd::{Lanes, detect, dispatch};
+use bins::{Bins, Item};
 use coverage::{Quadrilateral, Rows};
-use setup::{Block, Bounds, Depth, Outline, SHAPES, Setup};
-use small::Covered;
+use nearest::NONE;
+use setup::{Block, Bounds, SHAPES, Setup};
 
 /// Pixels in a span, the unit that sinks receive.
 pub const SPAN: usize = 8;
 
 /// Side of a tile in pixels: its 4096 depths and ids stay in the nearest caches.
 pub const TILE: u32 = 64;
-
-/// Triangles that one task puts into bins: enough to outweigh a task, few enough to balance.
-const CHUNK: usize = 4096;
 
 /// A tile of the image; its right and lower end may lie in the image's last, partial tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,64 +77,6 @@ pub trait Sink: Send {
 
     /// Is told of a triangle, or of a part of one that the near plane cuts, before its spans come.
     fn surface(&mut self, _triangle: u32, _setup: &Setup) {}
-}
-
-/// What a chunk of triangles has for each tile, in order: that of tile `t` is `items[starts[t]..starts[t + 1]]`.
-struct Bins<T> {
-    starts: Vec<u32>,
-    items: Vec<T>,
-}
-
-impl<T: Copy + Default> Bins<T> {
-    /// Sorts pairs of a tile and an item by tile; pairs of one tile keep their order.
-    fn new(pairs: &[(u32, T)], tiles: usize) -> Self {
-        // Counted two places up, the counts become the starts, and these the ends, as the bins fill.
-        let mut starts = vec![0; tiles + 2];
-        for &(tile, _) in pairs {
-            starts[tile as usize + 2] += 1;
-        }
-        for t in 2..starts.len() {
-            starts[t] += starts[t - 1];
-        }
-        let mut items = vec![T::default(); pairs.len()];
-        for &(tile, item) in pairs {
-            let place = &mut starts[tile as usize + 1];
-            items[*place as usize] = item;
-            *place += 1;
-        }
-        Bins { starts, items }
-    }
-
-    fn of(&self, tile: usize) -> &[T] {
-        &self.items[self.starts[tile] as usize..self.starts[tile + 1] as usize]
-    }
-}
-
-/// What [`rasterize`] knows of a triangle in a tile.
-#[derive(Debug, Clone, Copy, Default)]
-struct Item {
-    triangle: u32,
-    /// [`Item::WHOLE`], or a pixel that it covers: `x + TILE y` within the tile.
-    pixel: u32,
-    /// At the pixel.
-    inverse_depth: f64,
-}
-
-impl Item {
-    /// Says that the triangle's pixels are still to be found.
-    const WHOLE: u32 = u32::MAX;
-
-    fn whole(triangle: u32) -> Self {
-        Item {
-            triangle,
-            pixel: Self::WHOLE,
-            inverse_depth: 0.0,
-        }
-    }
-
-    fn is_whole(&self) -> bool {
-        self.pixel == Self::WHOLE
-    }
 }
 
 /// Number of tiles of an image: the steps that [`rasterize`] takes.
@@ -189,58 +132,7 @@ fn rasterize_on_screen<S: Sink>(
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
 ) -> Result<Vec<(Tile, S)>> {
-    let columns = camera.width.div_ceil(TILE);
-    let chunks: Vec<Bins<Item>> = faces
-        .par_chunks(CHUNK)
-        .enumerate()
-        .map_init(
-            || (Vec::new(), small::Block::new()),
-            |(pairs, block), (c, faces)| {
-                control.check()?;
-                pairs.clear();
-                for (b, faces) in faces.chunks(small::BLOCK).enumerate() {
-                    block.look(faces, screen, camera);
-                    for (i, face) in faces.iter().enumerate() {
-                        let triangle = (c * CHUNK + b * small::BLOCK + i) as u32;
-                        let within = match block.covered(i) {
-                            Covered::Nothing => continue,
-                            Covered::Few(pixels) if S::takes_pixels() => {
-                                if keep(triangle) {
-                                    let depth = Depth::new(&face.map(|v| points[v as usize]));
-                                    pairs.extend(pixels.map(|[x, y]| {
-                                        let tile = y / TILE * columns + x / TILE;
-                                        let pixel = x % TILE + y % TILE * TILE;
-                                        let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
-                                        let inverse_depth = depth.at(x, y);
-                                        (
-                                            tile,
-                                            Item {
-                                                triangle,
-                                                pixel,
-                                                inverse_depth,
-                                            },
-                                        )
-                                    }));
-                                }
-                                continue;
-                            }
-                            Covered::Few(pixels) => Some(pixels.bounds()),
-                            Covered::Within(low, high) => Some((low, high)),
-                            Covered::Unknown => setup::pixels_of(face, points, camera),
-                        };
-                        let Some((low, high)) = within.filter(|_| keep(triangle)) else {
-                            continue;
-                        };
-                        let item = Item::whole(triangle);
-                        reached(face, points, low, high, columns, |tile| {
-                            pairs.push((tile, item))
-                        });
-                    }
-                }
-                Ok(Bins::new(pairs, tile_count(camera)))
-            },
-        )
-        .collect::<Result<_>>()?;
+    let chunks = bins::items::<S>(points, screen, faces, keep, camera, control)?;
     each_tile(camera, control, make, |index, tile, sink| {
         for chunk in &chunks {
             fill(faces, points, chunk.of(index), camera, tile, sink);
@@ -266,17 +158,20 @@ pub trait Cover: Send {
     }
 }
 
-/// The parts of some polygons, with their faces, by tile.
+/// A face in a tile, and which of [`Parts::rows`] it is drawn by, or [`NONE`].
+type Part = (u32, u32);
+
+/// Some polygons by tile.
 struct Parts {
-    rows: Vec<(u32, Rows<4>)>,
-    bins: Bins<u32>,
+    /// Of those that lie in many tiles. Kept for all, they take longer to write and to read than to set up again.
+    rows: Vec<Rows<4>>,
+    bins: Bins<Part>,
 }
 
-/// Polygons that one task sets up: long ones, of which a scene has thousands.
+/// Polygons that one task sets up: mostly long ones, of which a scene has thousands.
 const POLYGONS: usize = 512;
 
-/// The pixels that convex polygons cover, without depth, of points for each of which [`project`] was called;
-/// for polygons that mostly lie in many tiles.
+/// The pixels that convex polygons cover, without depth, of points for each of which [`project`] was called.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
@@ -290,9 +185,19 @@ pub fn cover_projected<S: Cover>(
 ) -> Result<Vec<(Tile, S)>> {
     let (columns, tiles) = (camera.width.div_ceil(TILE), tile_count(camera));
     let parts = |(chunk, faces): (usize, &[Quadrilateral])| {
-        let (mut rows, mut pairs) = (Vec::with_capacity(faces.len()), Vec::new());
+        let (mut rows, mut pairs) = (Vec::new(), Vec::with_capacity(faces.len()));
         for (i, face) in faces.iter().enumerate() {
             let id = (chunk * POLYGONS + i) as u32;
+            let within = coverage::within(face, bounds);
+            if let Some((low, high)) = within {
+                let [xs, ys] = [0, 1].map(|i| low[i] / TILE..=high[i] / TILE);
+                if (xs.end() - xs.start() + 1) * (ys.end() - ys.start() + 1) <= 2 {
+                    for ty in ys {
+                        pairs.extend(xs.clone().map(|tx| (ty * columns + tx, (id, NONE))));
+                    }
+                    continue;
+                }
+            }
             Rows::each(face, points, bounds, camera, |part| {
                 for ty in part.low[1] / TILE..=part.high[1] / TILE {
                     // A long sliver lies in few of the tiles of its bounds.
@@ -300,9 +205,9 @@ pub fn cover_projected<S: Cover>(
                     let (top, bottom) = (top.max(part.low[1]), bottom.min(part.high[1]));
                     let [first, last] = part.columns(top, bottom).map(|x| x / TILE);
                     let place = rows.len() as u32;
-                    pairs.extend((first..=last).map(|tx| (ty * columns + tx, place)));
+                    pairs.extend((first..=last).map(|tx| (ty * columns + tx, (id, place))));
                 }
-                rows.push((id, part));
+                rows.push(part);
             });
         }
         let bins = Bins::new(&pairs, tiles);
@@ -312,41 +217,23 @@ pub fn cover_projected<S: Cover>(
     control.check()?;
     each_tile(camera, control, make, |index, tile, sink| {
         for chunk in &chunks {
-            for &place in chunk.bins.of(index) {
-                let (face, rows) = &chunk.rows[place as usize];
-                if sink.wants(*face) {
-                    rows.within(tile, |y, first, last| sink.row(y, first, last, *face));
+            for &(id, place) in chunk.bins.of(index) {
+                if !sink.wants(id) {
+                    continue;
+                }
+                let mut draw = |rows: &Rows<4>| {
+                    rows.within(tile, |y, first, last| sink.row(y, first, last, id));
+                };
+                match place {
+                    NONE => {
+                        let face = &faces[id as usize];
+                        Rows::each(face, points, bounds, camera, |rows| draw(&rows));
+                    }
+                    place => draw(&chunk.rows[place as usize]),
                 }
             }
         }
     })
-}
-
-/// Calls `each` for the tiles, in rows of `columns`, that a triangle with its pixels between `low` and `high` can
-/// reach into.
-#[inline(always)]
-fn reached(
-    face: &[u32; 3],
-    points: &[DVec3],
-    low: [u32; 2],
-    high: [u32; 2],
-    columns: u32,
-    mut each: impl FnMut(u32),
-) {
-    let [xs, ys] = [0, 1].map(|i| low[i] / TILE..=high[i] / TILE);
-    // A long sliver lies in few of the tiles of its bounds.
-    let long = xs.end() - xs.start() > 1 && ys.end() - ys.start() > 1;
-    let outline = long.then(|| Outline::new(face, points));
-    for ty in ys {
-        let mut xs = xs.clone();
-        if let Some(outline) = &outline {
-            let top = f64::from(ty * TILE) - 1.0;
-            let (x0, x1) = outline.extent(top, top + f64::from(TILE) + 2.0);
-            let first = (x0.max(0.0) as u32 / TILE).max(*xs.start());
-            xs = first..=(x1.max(0.0) as u32 / TILE).min(*xs.end());
-        }
-        xs.for_each(|tx| each(ty * columns + tx));
-    }
 }
 
 /// Makes every tile's sink and lets `draw(number, tile, sink)` draw into it.

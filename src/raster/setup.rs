@@ -1,4 +1,4 @@
-//! From a triangle to edge functions and a depth plane in the image.
+//! From a triangle to edge functions in the image.
 //!
 //! An edge function is evaluated from the edge's lexicographically lower end, in `f64`, whichever way
 //! the triangle runs through it: two triangles at an edge see the same number with opposite signs. Where
@@ -10,6 +10,7 @@
 use glam::DVec3;
 
 use super::SPAN;
+use super::depth::{self, Depth};
 use crate::camera::{Camera, MAX_SIZE};
 use crate::simd::Lanes;
 
@@ -65,37 +66,6 @@ impl EdgeFunction {
         let margin = 1e-6 + DOUBT * (first.abs() + self.x.abs() + rows);
         (first, slope, margin)
     }
-}
-
-/// Inverse depth of a triangle in the image.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Depth {
-    /// At `(x, y)` it is `plane · (x, y, 1)`.
-    plane: DVec3,
-    /// Least and largest of the corners.
-    range: [f64; 2],
-}
-
-impl Depth {
-    /// Of a triangle in front of the near plane.
-    #[inline(always)]
-    pub(super) fn new(corners: &[DVec3; 3]) -> Self {
-        let range = range(corners.map(|p| 1.0 / p.z));
-        let plane = depth_plane(*corners);
-        Depth { plane, range }
-    }
-
-    /// At a point of the image; kept within the triangle's own range, which only matters for slivers.
-    #[inline(always)]
-    pub(super) fn at(&self, x: f64, y: f64) -> f64 {
-        let row = self.plane.y * y + self.plane.z;
-        (row + self.plane.x * x).clamp(self.range[0], self.range[1])
-    }
-}
-
-#[inline(always)]
-fn range(z: [f64; 3]) -> [f64; 2] {
-    [z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2])]
 }
 
 /// A triangle in the image, ready to be filled.
@@ -211,13 +181,13 @@ impl Setup {
     /// Change of the inverse depth from column to column and from row to row.
     #[inline(always)]
     pub fn slope(&self) -> [f64; 2] {
-        [self.depth.plane.x, self.depth.plane.y]
+        self.depth.slope()
     }
 
     /// Least and largest inverse depth of the corners.
     #[inline(always)]
     pub fn range(&self) -> [f64; 2] {
-        self.depth.range
+        self.depth.range()
     }
 
     /// Where the edges cross rows: for each edge the column in row 0 and its change from row to row, and more
@@ -324,6 +294,12 @@ impl Bounds {
         Bounds(std::array::from_fn(|i| self.0[i].min(o.0[i])))
     }
 
+    /// Whether some of it is behind the near plane.
+    #[inline(always)]
+    pub(super) fn is_behind(self) -> bool {
+        self.0 == Bounds::BEHIND.0
+    }
+
     /// First and last column and row, if there are any.
     #[inline(always)]
     pub(super) fn pixels(self) -> Option<([u32; 2], [u32; 2])> {
@@ -360,7 +336,7 @@ pub fn pixels(
 ) -> Option<([u32; 2], [u32; 2])> {
     let [a, b, c] = face.map(|v| bounds[v as usize]);
     let all = a.and(b).and(c);
-    if all.0 == Bounds::BEHIND.0 {
+    if all.is_behind() {
         pixels_of(face, points, camera)
     } else {
         all.pixels()
@@ -436,7 +412,7 @@ pub fn is_in_front(face: &[u32; 3], points: &[DVec3]) -> bool {
 #[inline(always)]
 pub fn triangle(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> Option<Setup> {
     let corners = face.map(|v| points[v as usize]);
-    one(corners, depth_plane(corners), camera)
+    one(corners, depth::plane(&corners), camera)
 }
 
 /// Clips a triangle at the near plane and sets up what can cover a pixel's centre.
@@ -454,25 +430,13 @@ pub(super) fn clipped_corners(
 ) -> [Option<Setup>; 2] {
     // From the whole triangle, since what the near plane leaves of it may have corners millions of pixels
     // away.
-    let plane = depth_plane(*corners);
+    let plane = depth::plane(corners);
     let (polygon, n) = in_front(face, corners);
     let part = |i: usize| {
         let corners = [polygon[0], polygon[i - 1], polygon[i]];
         (i < n).then(|| one(corners, plane, camera)).flatten()
     };
     [part(2), part(3)]
-}
-
-/// The triangle's plane n·(x z, y z, z) = d gives 1/z = n·(x, y, 1) / d.
-#[inline(always)]
-fn depth_plane(corners: [DVec3; 3]) -> DVec3 {
-    let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-    let depth = n / n.dot(corners[0]);
-    if depth.is_finite() {
-        depth
-    } else {
-        DVec3::new(0.0, 0.0, 1.0 / corners[0].z)
-    }
 }
 
 /// The corners of a triangle's part in front of the near plane, and their number.
@@ -506,10 +470,9 @@ fn one(corners: [DVec3; 3], plane: DVec3, camera: &Camera) -> Option<Setup> {
     let [a, b, c] = s.map(|p| Bounds::of_point([p[0], p[1]], camera));
     let (low, high) = a.and(b).and(c).pixels()?;
     wind(&mut s)?;
-    let range = range([s[0][2], s[1][2], s[2][2]]);
     Some(Setup {
         edges: edges(&s),
-        depth: Depth { plane, range },
+        depth: Depth::on(plane, [s[0][2], s[1][2], s[2][2]]),
         low,
         high,
     })

@@ -10,6 +10,7 @@
 use glam::DVec3;
 
 use super::SPAN;
+use super::depth::Depth;
 use super::setup::{self, SHAPES, Shape};
 use crate::camera::Camera;
 use crate::simd::{Lanes, detect, dispatch};
@@ -36,8 +37,8 @@ const MORE: u8 = 2;
 pub(super) enum Covered {
     /// None.
     Nothing,
-    /// These.
-    Few(Pixels),
+    /// These. Their depth is known if it was asked for.
+    Few(Pixels, Depth),
     /// Perhaps some of those between a first and a last column and row.
     Within([u32; 2], [u32; 2]),
     /// Nothing is known.
@@ -92,6 +93,11 @@ pub(super) struct Block {
     /// Pixels, as they lie in the shape for their width.
     mask: Column<u16>,
     what: Column<u8>,
+    /// Of triangles of few pixels: their place in the columns that follow.
+    place: Column<u8>,
+    /// Projected corners.
+    corners: [[Column<f64>; 3]; 3],
+    depth: [Depth; BLOCK],
 }
 
 impl Block {
@@ -103,6 +109,9 @@ impl Block {
             high: [[0; BLOCK]; 2],
             mask: [0; BLOCK],
             what: [NOTHING; BLOCK],
+            place: [0; BLOCK],
+            corners: [[[1.0; BLOCK]; 3]; 3],
+            depth: [Depth::default(); BLOCK],
         }
     }
 
@@ -118,6 +127,24 @@ impl Block {
         dispatch!(detect() => look_lanes(block: &mut Block, size: [i32; 2]));
     }
 
+    /// Finds the depth of the triangles of few pixels, of those that [`Block::look`] was given.
+    pub(super) fn find_depth(&mut self, faces: &[[u32; 3]], points: &[DVec3]) {
+        let (mut few, mut count) = ([0; BLOCK], 0);
+        for (i, &what) in self.what.iter().enumerate().take(faces.len()) {
+            self.place[i] = count as u8;
+            few[count % BLOCK] = i;
+            count += usize::from(what == FEW);
+        }
+        for (k, &i) in few.iter().enumerate().take(count) {
+            for (corner, &v) in self.corners.iter_mut().zip(&faces[i]) {
+                let p = points[v as usize];
+                (corner[0][k], corner[1][k], corner[2][k]) = (p.x, p.y, p.z);
+            }
+        }
+        let block = self;
+        dispatch!(detect() => depth_lanes(block: &mut Block, count: usize));
+    }
+
     /// What triangle `i` covers.
     #[inline(always)]
     pub(super) fn covered(&self, i: usize) -> Covered {
@@ -125,12 +152,15 @@ impl Block {
         let (low, high) = (corner(&self.low), corner(&self.high));
         match self.what[i] {
             NOTHING => Covered::Nothing,
-            FEW => Covered::Few(Pixels {
-                low,
-                high,
-                shape: shape_of(high[0] - low[0] + 1),
-                mask: self.mask[i],
-            }),
+            FEW => {
+                let pixels = Pixels {
+                    low,
+                    high,
+                    shape: shape_of(high[0] - low[0] + 1),
+                    mask: self.mask[i],
+                };
+                Covered::Few(pixels, self.depth[self.place[i] as usize])
+            }
             _ if self.x.iter().any(|x| x[i].is_nan()) => Covered::Unknown,
             _ => Covered::Within(low, high),
         }
@@ -267,6 +297,185 @@ unsafe fn look_lanes<S: Lanes>(block: &mut Block, size: [i32; 2]) {
         if block.what[i] == FEW && block.mask[i] == 0 {
             // SAFETY: the caller enabled the features of `S`.
             unsafe { block.find::<S>(i) };
+        }
+    }
+}
+
+/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
+#[inline(always)]
+unsafe fn depth_lanes<S: Lanes>(block: &mut Block, count: usize) {
+    let [a, b, c] = &block.corners;
+    let at = |[x, y, z]: &[Column<f64>; 3], k: usize| DVec3::new(x[k], y[k], z[k]);
+    for k in 0..count.min(BLOCK) {
+        block.depth[k] = Depth::new(&[at(a, k), at(b, k), at(c, k)]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::Control;
+    use crate::raster::{Sink, Tile, rasterize_projected};
+    use glam::DMat3;
+
+    /// Pixels with the triangle and the bits of its depth, in order of arrival.
+    struct Pixelwise<const PIXELS: bool>(Vec<(u32, u32, u32, u64)>);
+
+    impl<const PIXELS: bool> Sink for Pixelwise<PIXELS> {
+        fn takes_pixels() -> bool {
+            PIXELS
+        }
+
+        fn span(&mut self, x: u32, y: u32, mask: u8, depth: &[f64; SPAN], triangle: u32) {
+            for i in (0..SPAN).filter(|i| mask >> i & 1 == 1) {
+                let bits = depth[i].to_bits();
+                self.0.push((triangle, y, x + i as u32, bits));
+            }
+        }
+    }
+
+    fn drawn<const PIXELS: bool>(
+        points: &[DVec3],
+        faces: &[[u32; 3]],
+        camera: &Camera,
+    ) -> Vec<(u32, u32, u32, u64)> {
+        let make = |_: Tile| Pixelwise::<PIXELS>(Vec::new());
+        let control = Control::default();
+        let tiles = rasterize_projected(points, faces, |f| f % 13 != 5, camera, &control, make);
+        let mut out = Vec::new();
+        for (_, sink) in tiles.unwrap() {
+            assert!(
+                sink.0.is_sorted_by_key(|p| p.0),
+                "in the order of triangles"
+            );
+            out.extend(sink.0);
+        }
+        out.sort_unstable();
+        out
+    }
+
+    /// A small generator.
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> f64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            (self.0 >> 11) as f64 / (1u64 << 53) as f64
+        }
+
+        fn between(&mut self, low: f64, high: f64) -> f64 {
+            low + (high - low) * self.next()
+        }
+
+        /// A triangle of one of several kinds, in the image's homogeneous coordinates.
+        fn triangle(&mut self, kind: usize) -> [DVec3; 3] {
+            let corner = [self.between(-3.0, 143.0), self.between(-3.0, 73.0)];
+            let size = [0.4, 1.0, 2.0, 4.0, 9.0, 40.0][kind % 6];
+            let centre = |v: f64| v.floor() + 0.5;
+            let mut p = [[0.0; 3]; 3].map(|_| {
+                let [x, y] = corner.map(|v| v + self.between(0.0, size));
+                match kind / 6 % 4 {
+                    // On the pixels' centres, and the lines between them, where edges decide by their rule.
+                    1 => [centre(x), centre(y), 1.0],
+                    2 => [centre(x), y, 2.0],
+                    _ => [x, y, self.between(0.5, 4.0)],
+                }
+            });
+            match kind % 29 {
+                // A sliver along an edge through a pixel's centre; folded by rounding, or flat.
+                1 => p[2] = [0, 1, 2].map(|k| 0.5 * (p[0][k] + p[1][k])),
+                2 => p[2] = [p[0][0] + 1e-14 * self.next(), p[0][1], p[0][2]],
+                3 => p[2] = p[1],
+                // Far away, so that its edges are almost straight lines across the image, or overflow.
+                4 => p[2][0] *= 1e12,
+                5 => p[2][1] = 1e18 * (self.next() - 0.5),
+                6 => p = p.map(|[x, y, z]| [1e200 * (x - 70.0), 1e200 * (y - 35.0), z]),
+                7 => p[0][0] = f64::INFINITY,
+                // On the near plane, and behind it.
+                8 => p[1][2] = setup::NEAR,
+                9 => p[1][2] = -1.0,
+                10 => p[1][2] = 0.0,
+                _ => {}
+            }
+            p.map(|[x, y, z]| DVec3::new(x * z, y * z, z))
+        }
+    }
+
+    #[test]
+    fn pixels_and_depths_are_those_of_triangles_that_are_set_up() {
+        let mut random = Random(11);
+        let mut few = 0;
+        for (width, height) in [(140, 70), (1, 90), (65, 1)] {
+            let camera =
+                Camera::new(DMat3::IDENTITY, DMat3::IDENTITY, DVec3::ZERO, width, height).unwrap();
+            let points: Vec<DVec3> = (0..60_000).flat_map(|k| random.triangle(k)).collect();
+            let mut faces: Vec<[u32; 3]> = (0..points.len() as u32 / 3)
+                .map(|f| [3 * f, 3 * f + 1, 3 * f + 2])
+                .collect();
+            // Corners of several triangles: edges that are shared, and crossed.
+            let count = points.len() as u32;
+            faces.extend((0..count - 6).step_by(7).map(|f| [f, f + 1, f + 5]));
+            faces.extend((0..count - 6).step_by(5).map(|f| [f + 1, f, f + 6]));
+            let expected = drawn::<false>(&points, &faces, &camera);
+            assert_eq!(drawn::<true>(&points, &faces, &camera), expected);
+            assert!(expected.iter().all(|p| f64::from_bits(p.3).is_finite()));
+            let screen: Vec<_> = points.iter().map(|&p| on_screen(p)).collect();
+            let mut block = Block::new();
+            for faces in faces.chunks(BLOCK) {
+                block.look(faces, &screen, &camera);
+                let known = |i: usize| matches!(block.covered(i), Covered::Few(..));
+                few += (0..faces.len()).filter(|&i| known(i)).count();
+            }
+        }
+        assert!(few > 5_000, "{few}");
+    }
+
+    #[test]
+    fn a_grid_of_small_triangles_covers_every_pixel_once() {
+        let camera = Camera::new(DMat3::IDENTITY, DMat3::IDENTITY, DVec3::ZERO, 100, 80).unwrap();
+        let mut random = Random(3);
+        for (step, jitter) in [(0.5, 0.0), (0.7, 0.0), (1.3, 0.6), (2.0, 0.9), (0.35, 0.17)] {
+            let columns = (104.0 / step) as u32;
+            let rows = (84.0 / step) as u32;
+            let mut points = Vec::new();
+            for y in 0..=rows {
+                for x in 0..=columns {
+                    // Every few corners on a pixel's centre.
+                    let on = (x + y) % 5 == 0;
+                    let at = |v: u32, random: &mut Random| {
+                        let v = f64::from(v) * step - 2.0;
+                        if jitter == 0.0 && on {
+                            return v;
+                        }
+                        v + jitter * (random.next() - 0.5)
+                    };
+                    let (x, y) = (at(x, &mut random), at(y, &mut random));
+                    let z = random.between(0.5, 2.0);
+                    points.push(DVec3::new(x * z, y * z, z));
+                }
+            }
+            let mut faces = Vec::new();
+            for y in 0..rows {
+                for x in 0..columns {
+                    let v = y * (columns + 1) + x;
+                    let (right, below) = (v + 1, v + columns + 1);
+                    faces.extend([[v, right, below], [right, below + 1, below]]);
+                }
+            }
+            let make = |_: Tile| Pixelwise::<true>(Vec::new());
+            let control = Control::default();
+            let tiles = rasterize_projected(&points, &faces, |_| true, &camera, &control, make);
+            let all = tiles.unwrap().into_iter().flat_map(|(_, s)| s.0);
+            let mut pixels: Vec<_> = all.map(|p| (p.1, p.2)).collect();
+            pixels.sort_unstable();
+            let every = (0..80).flat_map(|y| (0..100).map(move |x| (y, x)));
+            assert!(pixels.into_iter().eq(every), "step {step}");
         }
     }
 }

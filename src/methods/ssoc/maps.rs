@@ -13,6 +13,7 @@ use super::distorted::Seen;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
+use crate::memory::filled;
 use crate::methods::views::View;
 use crate::methods::wedges::contour::{Casters, Edge};
 use crate::raster::coverage::{self, Quadrilateral};
@@ -40,6 +41,9 @@ const WIDE: f64 = 8.0 * NARROW;
 
 /// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
 const FAN: f64 = std::f64::consts::FRAC_PI_4;
+
+/// Lines, or corners between them, that one task draws.
+const PART: usize = 1024;
 
 /// A silhouette edge in the image, what it hides on its left (as rows run downwards, towards the negative
 /// side of [`Line::normal`]).
@@ -378,25 +382,71 @@ struct Drawing {
 
 impl Drawing {
     fn new(lines: &[Line], joints: &[[u32; 2]], loose: &[(u32, bool)], view: &View) -> Self {
-        let mut out = Drawing::default();
-        for (i, line) in lines.iter().enumerate() {
-            let side = line.normal() * line.reach;
-            let end = line.start + line.along * line.length;
-            let corners = [line.start - side, end - side, end + side, line.start + side];
-            let first = out.points.len() as u32;
-            out.points.extend(corners.map(|p| p.extend(1.0)));
-            out.faces.push([0, 1, 2, 3].map(|k| first + k));
-            out.line_of.push(i as u32);
+        let of_lines = lines.par_chunks(PART).enumerate().map(|(part, chunk)| {
+            let mut out = Drawing::default();
+            for (i, line) in (part * PART..).zip(chunk) {
+                let side = line.normal() * line.reach;
+                let end = line.start + line.along * line.length;
+                let corners = [line.start - side, end - side, end + side, line.start + side];
+                let first = out.points.len() as u32;
+                out.points.extend(corners.map(|p| p.extend(1.0)));
+                out.faces.push([0, 1, 2, 3].map(|k| first + k));
+                out.line_of.push(i as u32);
+            }
+            out
+        });
+        let of_joints = joints.par_chunks(PART).map(|chunk| {
+            let mut out = Drawing::default();
+            for &[before, after] in chunk {
+                out.corner(lines, before, after);
+            }
+            out
+        });
+        let of_loose = loose.par_chunks(PART).map(|chunk| {
+            let mut out = Drawing::default();
+            for &(line, starts) in chunk {
+                out.cap(lines, line, starts);
+            }
+            out
+        });
+        Drawing::join(of_lines.chain(of_joints).chain(of_loose).collect(), view)
+    }
+
+    /// One drawing of several, whose faces come in their order.
+    fn join(parts: Vec<Drawing>, view: &View) -> Self {
+        let sum = |len: fn(&Drawing) -> usize| parts.iter().map(len).sum();
+        let count = sum(|part| part.faces.len());
+        let mut out = Drawing {
+            points: filled(DVec3::ZERO, sum(|part| part.points.len())),
+            faces: filled(Quadrilateral::default(), count),
+            line_of: filled(NONE, count),
+            ..Drawing::default()
+        };
+        let mut left = (
+            &mut out.points[..],
+            &mut out.faces[..],
+            &mut out.line_of[..],
+        );
+        let (mut places, mut first) = (Vec::with_capacity(parts.len()), 0);
+        for part in &parts {
+            let (points, faces, line_of);
+            (points, left.0) = left.0.split_at_mut(part.points.len());
+            (faces, left.1) = left.1.split_at_mut(part.faces.len());
+            (line_of, left.2) = left.2.split_at_mut(part.faces.len());
+            places.push((part, first, points, faces, line_of));
+            first += part.points.len() as u32;
         }
-        for &[before, after] in joints {
-            out.corner(lines, before, after);
-        }
-        for &(line, starts) in loose {
-            out.cap(lines, line, starts);
-        }
-        out.bounds = out
-            .points
-            .par_iter()
+        places
+            .into_par_iter()
+            .for_each(|(part, first, points, faces, line_of)| {
+                points.copy_from_slice(&part.points);
+                line_of.copy_from_slice(&part.line_of);
+                for (face, own) in faces.iter_mut().zip(&part.faces) {
+                    *face = own.map(|point| first + point);
+                }
+            });
+        let bounds = out.points.par_iter();
+        out.bounds = bounds
             .map(|&p| Bounds::of_vertex(p, &view.camera))
             .collect();
         out

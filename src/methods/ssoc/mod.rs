@@ -114,17 +114,20 @@ impl Ssoc {
         let more = if self.distorted { SEEN_BYTES } else { 0 };
         check_memory(&views, TEXEL_BYTES + more)?;
         control.check()?;
-        let mut maps = Vec::with_capacity(views.len());
-        for view in views {
-            maps.push(Maps::shadow_map(view, casters, &casts)?);
-            control.check()?;
-        }
+        // Side by side, as most of a cube's faces hold little.
+        let mut maps: Vec<Maps> = views
+            .into_par_iter()
+            .map(|view| {
+                control.check()?;
+                Maps::shadow_map(view, casters, &casts)
+            })
+            .collect::<Result<_>>()?;
         let shadow = start.elapsed().as_secs_f64();
         if !is_point(light) {
-            for map in &mut maps {
-                map.distortion(edges, geometry)?;
+            maps.par_iter_mut().try_for_each(|map| {
                 control.check()?;
-            }
+                map.distortion(edges, geometry)
+            })?;
         }
         Ok((maps, [shadow, start.elapsed().as_secs_f64() - shadow]))
     }
@@ -230,16 +233,16 @@ impl Prepared for PreparedSsoc {
                 let cameras = faces.iter().map(|m| &m.view.camera);
                 most_central(cameras, light.center(), p)
             };
-            let map = match &maps[..] {
-                [one] => Some(one),
+            let look = |map: &Maps| lookup.visibility(map, p, n);
+            let seen = match &maps[..] {
+                [one] => look(one),
                 // Faces that hold only what is behind everything come after a view that holds the rest.
-                [first, rest @ ..] if rest[0].view.only.is_some() => match first.view.holds(p) {
-                    true => Some(first),
-                    false => rest.get(central(rest)),
-                },
-                faces => faces.get(central(faces)),
+                [first, rest @ ..] if rest[0].view.only.is_some() => {
+                    look(first).or_else(|| look(rest.get(central(rest))?))
+                }
+                faces => faces.get(central(faces)).and_then(look),
             };
-            let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
+            let seen = seen.unwrap_or(1.0);
             seen.min(h) as f32
         };
         let parts: Vec<Vec<f32>> = receivers
