@@ -173,10 +173,10 @@ impl Block {
     #[inline(always)]
     unsafe fn find<S: Lanes>(&mut self, i: usize) {
         let mut edges = [([0.0; 2], [0.0; 2]); 3];
-        for k in 0..3 {
-            let (a, b) = (k, (k + 1) % 3);
+        for (a, of) in edges.iter_mut().enumerate() {
+            let b = (a + 1) % 3;
             let from = [self.x[a][i], self.y[a][i]];
-            edges[k] = edge(from, [self.x[b][i], self.y[b][i]]);
+            *of = edge(from, [self.x[b][i], self.y[b][i]]);
         }
         let [x, y] = [self.low[0][i] as u32, self.low[1][i] as u32];
         let [columns, rows] = [0, 1].map(|k| (self.high[k][i] - self.low[k][i] + 1) as u32);
@@ -271,8 +271,8 @@ unsafe fn look_lanes<S: Lanes>(block: &mut Block, size: [i32; 2]) {
             right &= value < 0.0;
             clear &= distance > 0.0;
         }
-        let known = (x[0] + x[1] + x[2]) + (y[0] + y[1] + y[2]);
-        let known = known == known;
+        let sum = (x[0] + x[1] + x[2]) + (y[0] + y[1] + y[2]);
+        let known = !sum.is_nan();
         let some = (columns > 0) & (rows > 0);
         let one = (columns == 1) & (rows == 1);
         let stride = if columns > 4 {
