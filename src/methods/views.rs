@@ -119,6 +119,12 @@ impl View {
         (q - DVec2::new(k.x, k.y)) * self.texel_size
     }
 
+    /// Whether a local point is in the view.
+    pub fn holds(&self, p: DVec3) -> bool {
+        let (q, depth) = self.project(p);
+        depth > 0.0 && self.texel(q).is_some()
+    }
+
     /// A texel's centre.
     #[inline(always)]
     pub fn center(&self, texel: usize) -> DVec2 {

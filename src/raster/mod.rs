@@ -163,7 +163,7 @@ type Part = (u32, u32);
 
 /// Some polygons by tile.
 struct Parts {
-    /// Of those that lie in many tiles. Kept for all, they take longer to write and to read than to set up again.
+    /// Of those that lie in several tiles; those of one tile are set up there, which saves writing and reading them.
     rows: Vec<Rows<4>>,
     bins: Bins<Part>,
 }
@@ -188,13 +188,10 @@ pub fn cover_projected<S: Cover>(
         let (mut rows, mut pairs) = (Vec::new(), Vec::with_capacity(faces.len()));
         for (i, face) in faces.iter().enumerate() {
             let id = (chunk * POLYGONS + i) as u32;
-            let within = coverage::within(face, bounds);
-            if let Some((low, high)) = within {
-                let [xs, ys] = [0, 1].map(|i| low[i] / TILE..=high[i] / TILE);
-                if (xs.end() - xs.start() + 1) * (ys.end() - ys.start() + 1) <= 2 {
-                    for ty in ys {
-                        pairs.extend(xs.clone().map(|tx| (ty * columns + tx, (id, NONE))));
-                    }
+            if let Some((low, high)) = coverage::within(face, bounds) {
+                let [first, last] = [low, high].map(|[x, y]| y / TILE * columns + x / TILE);
+                if first == last {
+                    pairs.push((first, (id, NONE)));
                     continue;
                 }
             }

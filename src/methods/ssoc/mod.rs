@@ -124,10 +124,15 @@ impl Ssoc {
             .collect::<Result<_>>()?;
         let shadow = start.elapsed().as_secs_f64();
         if !is_point(light) {
-            maps.par_iter_mut().try_for_each(|map| {
-                control.check()?;
-                map.distortion(edges, geometry)
-            })?;
+            // The first holds most, and is drawn by all threads; the others side by side.
+            let one = maps.len().min(1);
+            let (first, rest) = maps.split_at_mut(one);
+            for maps in [first, rest] {
+                maps.par_iter_mut().try_for_each(|map| {
+                    control.check()?;
+                    map.distortion(edges, geometry)
+                })?;
+            }
         }
         Ok((maps, [shadow, start.elapsed().as_secs_f64() - shadow]))
     }
@@ -233,16 +238,17 @@ impl Prepared for PreparedSsoc {
                 let cameras = faces.iter().map(|m| &m.view.camera);
                 most_central(cameras, light.center(), p)
             };
-            let look = |map: &Maps| lookup.visibility(map, p, n);
-            let seen = match &maps[..] {
-                [one] => look(one),
+            let map = match &maps[..] {
+                [one] => Some(one),
                 // Faces that hold only what is behind everything come after a view that holds the rest.
-                [first, rest @ ..] if rest[0].view.only.is_some() => {
-                    look(first).or_else(|| look(rest.get(central(rest))?))
-                }
-                faces => faces.get(central(faces)).and_then(look),
+                [first, rest @ ..] if rest[0].view.only.is_some() => match first.view.holds(p) {
+                    true => Some(first),
+                    false => rest.get(central(rest)),
+                },
+                faces => faces.get(central(faces)),
             };
-            let seen = seen.unwrap_or(1.0);
+            // At one place in the code, or the compiler makes a call of it.
+            let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
             seen.min(h) as f32
         };
         let parts: Vec<Vec<f32>> = receivers
