@@ -319,6 +319,21 @@ def test_ctrl_c_is_answered_while_a_large_mesh_is_prepared(million, after):
     assert _seconds_to_interrupt(build, after) < 0.25
 
 
+def test_ctrl_c_is_answered_while_the_distorted_image_is_found():
+    scene, light = _scene(64), ss.SphereLight((0.3, 0.2, 2.5), 0.4)
+
+    def build():
+        return ss.prepare(scene, light, ss.Ssoc(resolution=4096, distorted=True))
+
+    build()  # with the adjacency and the ray hierarchy that later calls find
+    start = time.perf_counter()
+    image = build().render(CAMERA)
+    took = time.perf_counter() - start
+    # The last stage of preparing, and more than half of it: into its middle.
+    after = took - 0.5 * image.seconds["reference image"]
+    assert _seconds_to_interrupt(build, after) < 0.25
+
+
 def test_an_interrupted_scene_still_works():
     scene = _scene(64)
     before = ss.render(scene, CAMERA, LIGHT, "hard")

@@ -52,36 +52,44 @@ def _false_umbra(found, reference):
     return ((found == 0) & (reference > 0.1)).sum(), np.abs(found - reference)[partly].mean()
 
 
-# Measured: 850 and 13 black pixels of the bowl, 704 and 249 of the waves; errors of 0.0587 and
-# 0.0104, 0.0747 and 0.0371.
-@pytest.mark.parametrize(("profile", "black", "error"), [("bowl", 0.05, 0.25), ("waves", 0.5, 0.6)])
-def test_the_false_umbra_behind_an_edge_goes_away(profile, black, error):
+# Measured, plain and distorted: 13 black pixels of the bowl; 682 and 249 of the waves; errors of
+# 0.0104, 0.0702 and 0.0371. The plane of what is seen is enough in the hollow, not among waves.
+@pytest.mark.parametrize(
+    ("profile", "method", "black", "error"),
+    [
+        ("bowl", PLAIN, 20, 0.012),
+        ("bowl", DISTORTED, 20, 0.012),
+        ("waves", PLAIN, 700, 0.072),
+        ("waves", DISTORTED, 260, 0.038),
+    ],
+)
+def test_there_is_little_false_umbra_behind_an_edge(profile, method, black, error):
     setup, reference = _behind_a_slab(profile)
     seen = reference.visibility[reference.mask].astype(np.float64)
-    plain, distorted = (
-        _false_umbra(
-            ss.render(setup.scene, setup.camera, setup.light, m).visibility[reference.mask], seen
-        )
-        for m in (PLAIN, DISTORTED)
-    )
-    assert plain[0] > 300
-    assert distorted[0] < black * plain[0]
-    assert distorted[1] < error * plain[1]
+    image = ss.render(setup.scene, setup.camera, setup.light, method)
+    found = _false_umbra(image.visibility[reference.mask], seen)
+    assert found[0] <= black
+    assert found[1] <= error
 
 
-# Measured: 884 and 40, 1384 and 433; 0.0641 and 0.0145, 0.1640 and 0.0652.
-@pytest.mark.parametrize(("profile", "part"), [("bowl", 0.25), ("waves", 0.5)])
-def test_points_without_normals_hide_themselves_less(profile, part):
+# Measured: 40; 1128 and 433; 0.0145, 0.1305 and 0.0652.
+@pytest.mark.parametrize(
+    ("profile", "method", "black", "error"),
+    [
+        ("bowl", PLAIN, 50, 0.016),
+        ("bowl", DISTORTED, 50, 0.016),
+        ("waves", PLAIN, 1150, 0.134),
+        ("waves", DISTORTED, 445, 0.067),
+    ],
+)
+def test_points_without_normals_hide_themselves_little(profile, method, black, error):
     """They have no tangent plane that tells what is their own surface."""
     setup, reference = _behind_a_slab(profile)
     points = reference.position[reference.mask]
     seen = reference.visibility[reference.mask].astype(np.float64)
-    plain, distorted = (
-        _false_umbra(ss.visibility(setup.scene, points, None, setup.light, m), seen)
-        for m in (PLAIN, DISTORTED)
-    )
-    assert distorted[0] < part * plain[0]
-    assert distorted[1] < part * plain[1]
+    found = _false_umbra(ss.visibility(setup.scene, points, None, setup.light, method), seen)
+    assert found[0] <= black
+    assert found[1] <= error
 
 
 SCENES = {
@@ -101,8 +109,8 @@ def test_elsewhere_the_error_hardly_grows(name):
     )
     partly = (reference > 0.002) & (reference < 0.998)
     error = [np.abs(v - reference)[partly].mean() for v in (plain, distorted)]
-    # Measured: 1.085 times as large where both solids' edges crowd, 1.000 and less elsewhere.
-    assert error[1] <= (1.12 if name == "closed solids" else 1.002) * error[0]
+    # Measured: 0.998 to 1.000 times as large.
+    assert error[1] <= 1.002 * error[0]
 
 
 @pytest.mark.parametrize(("kind", "tolerance"), [("rect", 1e-6), ("disk", 1e-6), ("sphere", 0.006)])

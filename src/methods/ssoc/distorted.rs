@@ -33,6 +33,25 @@ impl Seen {
         inverse_depth: 0.0,
         triangle: NONE,
     };
+
+    /// What the ray of a texel sees: straight without a reference image.
+    #[inline(always)]
+    pub fn at(maps: &Maps, texel: usize) -> Seen {
+        match maps.seen.get(texel) {
+            Some(&seen) => seen,
+            None => Seen::straight(maps, texel),
+        }
+    }
+
+    /// What the shadow map has at a texel.
+    #[inline(always)]
+    pub fn straight(maps: &Maps, texel: usize) -> Seen {
+        Seen {
+            at: maps.view.tangents(maps.view.center(texel)),
+            inverse_depth: maps.inverse_depth[texel],
+            triangle: maps.triangle[texel],
+        }
+    }
 }
 
 impl Maps {
@@ -59,11 +78,7 @@ impl Maps {
     fn first(&self, occluders: &Occluders, texel: usize, stack: &mut Stack) -> Seen {
         let view = &self.view;
         let q = view.center(texel);
-        let straight = Seen {
-            at: view.tangents(q),
-            inverse_depth: self.inverse_depth[texel],
-            triangle: self.triangle[texel],
-        };
+        let straight = Seen::straight(self, texel);
         let edge = self.outside[texel];
         if edge == NONE {
             return straight;

@@ -9,10 +9,10 @@
 //! What hides a receiver is decided by planes, not by a bias: at the receiver's own place in the image it must
 //! be behind the plane of the nearest triangle, and the point that the texel saw in front of the receiver's
 //! tangent plane, each by more than the rounding of coordinates. That leaves no shadow of a surface on itself
-//! at convex and concave creases alike, however large the texel. At a distorted place, what the texel saw must
-//! be nearer to the light than the receiver and in front of its tangent plane; where no edge is known there, also
-//! within the cone of rays from the receiver to the light, `f r (1 / z - 1 / p_z) >= |distortion|`. With a reference
-//! image (`distorted`), what the distorted ray saw takes its place, and its triangle's plane counts as well.
+//! at convex and concave creases alike, however large the texel. At a distorted place, what the texel saw must hide
+//! the receiver by the same two planes, and for receivers that are lit at their own place, or were moved before, be within
+//! the cone of rays to the light, `f r (1 / z - 1 / p_z) >= |distortion|`. With a reference image (`distorted`), what the
+//! distorted ray saw takes its place. Edges that find each other in turn leave a penumbra.
 
 use glam::{DVec2, DVec3, Vec3};
 
@@ -174,8 +174,22 @@ impl Lookup<'_> {
     /// Whether a receiver is in the hard shadow at a texel, and the edge that this side of the maps has there.
     fn start(&self, maps: &Maps, texel: usize, receiver: &Receiver) -> (bool, u32) {
         let hidden = self.hidden(maps, texel, receiver);
-        let map = if hidden { &maps.inside } else { &maps.outside };
-        (hidden, map[texel])
+        (hidden, Self::edge(maps, texel, hidden, receiver))
+    }
+
+    /// The edge that the maps have at a texel for a receiver that is hidden there or not.
+    #[inline(always)]
+    fn edge(maps: &Maps, texel: usize, hidden: bool, receiver: &Receiver) -> u32 {
+        let edge = if hidden {
+            maps.inside[texel]
+        } else {
+            maps.outside[texel]
+        };
+        let line = maps.lines.get(edge as usize);
+        match line {
+            Some(line) if receiver.inverse_depth >= line.inverse_least => edge,
+            _ => NONE,
+        }
     }
 
     /// Whether the point that a texel saw is in front of the receiver's tangent plane by more than the slack.
@@ -250,12 +264,26 @@ impl Lookup<'_> {
     #[inline(always)]
     fn penumbra(&self, maps: &Maps, edge: u32, from: DVec2, receiver: &Receiver) -> Penumbra {
         let view = &maps.view;
-        let foot = maps.lines[edge as usize].foot(from);
+        let line = &maps.lines[edge as usize];
+        let mut foot = line.foot(from);
         let (radius, part) = view.outline.radius(foot.normal, view.tangents(foot.point));
         let scale = view.focal * radius;
         let w = scale * (foot.inverse_near - receiver.inverse_depth);
         // The silhouette goes on straight from the point nearest to where it was looked up.
-        let x = (receiver.at - foot.point).dot(foot.normal);
+        let mut x = (receiver.at - foot.point).dot(foot.normal);
+        let trend = &line.trend;
+        if trend.inverse_width > 0.0 && w > 0.0 {
+            // The nearest edge for a light that is small against what the trend is of, and where the light only
+            // just reaches over the silhouette, for the part of it that does is short: a chord, squared.
+            let other = receiver.at.dot(trend.normal) - trend.offset;
+            let place = (other / w).clamp(-1.0, 1.0);
+            let share = (w * trend.inverse_width).clamp(0.0, 1.0) * (1.0 - place * place);
+            x += share * (other - x);
+            foot.normal = foot
+                .normal
+                .lerp(trend.normal, share)
+                .normalize_or(foot.normal);
+        }
         // An edge of the receiver's own surface is in front of it by rounding at most.
         let d = view.tangents(foot.point).extend(1.0);
         let over = receiver.is_below(d, foot.inverse_near, receiver.slack);
@@ -270,12 +298,19 @@ impl Lookup<'_> {
         } else {
             1.0
         };
+        let mut visible = self.falloff.visible(s, part, &view.outline);
+        if self.thin && before && trend.thickness + x < w {
+            let beyond = ((w + x + trend.thickness) / (2.0 * w)).max(0.0);
+            visible += 1.0 - self.falloff.visible(beyond, part, &view.outline);
+        }
         let mut found = Penumbra {
             x,
             w,
             before,
             scale,
-            visible: self.falloff.visible(s, part, &view.outline),
+            visible,
+            trend: trend.inverse_width > 0.0,
+            thickness: trend.thickness,
             normal: foot.normal,
             point: foot.point,
             corners: [NONE; 2],
@@ -289,15 +324,12 @@ impl Lookup<'_> {
     /// Whether the receiver, moved to a place in the image, is in the hard shadow there.
     #[inline(always)]
     pub(super) fn hidden_at(&self, maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
-        if let Some(seen) = maps.seen.get(texel) {
-            return self.hides(maps, seen, receiver);
-        }
-        maps.inverse_depth[texel] > receiver.inverse_depth
-            && Self::in_front(maps, texel, receiver, receiver.slack)
+        self.hides(maps, &Seen::at(maps, texel), receiver)
     }
 
-    /// Whether what a distorted ray sees hides the receiver that was moved to it. The receiver is up to a texel's
-    /// diagonal off the ray: as at its own place, two planes keep its surface from hiding it.
+    /// Whether what a ray sees hides the receiver that was moved to it. The receiver is up to a texel's diagonal
+    /// off the ray: as at its own place, two planes keep its surface from hiding it.
+    #[inline(always)]
     fn hides(&self, maps: &Maps, seen: &Seen, receiver: &Receiver) -> bool {
         seen.inverse_depth > receiver.inverse_depth
             && (receiver.normal == DVec3::ZERO
@@ -348,20 +380,14 @@ impl Lookup<'_> {
                 hidden = false;
                 break;
             };
-            hidden = self.hidden_at(maps, texel, receiver);
-            let next = if hidden {
-                maps.inside[texel]
-            } else {
-                maps.outside[texel]
-            };
-            if next == NONE {
+            let seen = Seen::at(maps, texel);
+            hidden = self.hides(maps, &seen, receiver);
+            if !(step == 0 && start.0) {
                 // What is beside the cone to the light hides nothing.
-                let inverse_depth = maps
-                    .seen
-                    .get(texel)
-                    .map_or(maps.inverse_depth[texel], |s| s.inverse_depth);
-                let seen = inverse_depth - receiver.inverse_depth;
-                hidden &= here.scale * seen >= distortion || step == 0 && start.0;
+                hidden &= here.scale * (seen.inverse_depth - receiver.inverse_depth) >= distortion;
+            }
+            let next = Self::edge(maps, texel, hidden, receiver);
+            if next == NONE {
                 break;
             }
             let foot = maps.lines[next as usize].foot(from);
@@ -376,6 +402,8 @@ impl Lookup<'_> {
                 break;
             }
             if edges[..=step].contains(&next) {
+                // What they leave of the light is beyond none of them: no umbra.
+                hidden = false;
                 break;
             }
             edge = next;
@@ -389,7 +417,9 @@ impl Lookup<'_> {
             .map(|k| k.visible)
             .product::<f64>();
         match known[0] {
-            Some(first) if self.thin => (product + self.past(maps, receiver, &first)).min(1.0),
+            Some(first) if self.thin && !first.trend => {
+                (product + self.past(maps, receiver, &first)).min(1.0)
+            }
             _ => product,
         }
     }
@@ -401,12 +431,9 @@ impl Lookup<'_> {
         let Some(texel) = maps.view.texel(from) else {
             return 0.0;
         };
-        let hidden = self.hidden_at(maps, texel, receiver);
-        let edge = if hidden {
-            maps.inside[texel]
-        } else {
-            maps.outside[texel]
-        };
+        // No ray is bent from the lit side for what is looked for on the dark one.
+        let hidden = self.hides(maps, &Seen::straight(maps, texel), receiver);
+        let edge = Self::edge(maps, texel, hidden, receiver);
         if edge == NONE || first.has(maps, edge) {
             return 0.0;
         }
@@ -430,6 +457,9 @@ pub(super) struct Penumbra {
     scale: f64,
     /// Whether the edge is before the receiver at all.
     before: bool,
+    /// Whether the silhouette's trend stands for the edge, and how far away its other side is then, in texels.
+    trend: bool,
+    thickness: f64,
     /// The part of the light that the edge leaves.
     pub visible: f64,
     pub normal: DVec2,
@@ -440,10 +470,18 @@ pub(super) struct Penumbra {
 
 impl Penumbra {
     /// Whether two edges are of one silhouette, or of nested ones, so that only the darker counts: by their
-    /// normals, or by their places.
+    /// normals, or by their places; or the two sides of what both are known to bound.
     fn same(&self, other: &Penumbra) -> bool {
         self.normal.dot(other.normal) > SAME
             || self.point.distance(other.point) <= CLOSE + 0.25 * self.w.min(other.w)
+            || self.is_other_side(other)
+    }
+
+    /// Whether an edge that faces away is about as far off as the other side.
+    fn is_other_side(&self, other: &Penumbra) -> bool {
+        self.thickness < f64::INFINITY
+            && self.normal.dot(other.normal) < -0.5
+            && (self.point - other.point).dot(self.normal).abs() < 1.5 * self.thickness + CLOSE
     }
 }
 

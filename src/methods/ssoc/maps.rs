@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::corners::{self, Corner};
 use super::distorted::Seen;
+use super::trend::Trend;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
@@ -32,12 +33,15 @@ const LAST_PROBE: f64 = 4.0;
 
 /// Half-width in texels of the narrowest penumbra that the maps hold, about half a texel's diagonal: the shadow
 /// map's own staircase. Edges with less, such as those of bumps on a body, would take the texels around them from
-/// its outline.
+/// its outline: they get what other edges leave, and say nothing about receivers for which theirs is twice as wide.
 const NARROW: f64 = 0.75;
 
 /// Half-width in texels that such an edge's penumbra would have at the scene's far end: where none is wider, as under
-/// a small light, edges do not crowd, and all of them are kept.
+/// a small light, edges do not crowd, and all of them are alike.
 const WIDE: f64 = 8.0 * NARROW;
+
+/// Added to the squared distance of edges with narrow penumbrae: more than that of any other.
+const LAST: f64 = 1e12;
 
 /// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
 const FAN: f64 = std::f64::consts::FRAC_PI_4;
@@ -59,10 +63,14 @@ pub struct Line {
     pub inverse_depth: [f64; 2],
     /// Inverse depth of the farthest surface behind it, as far as the map knows.
     pub inverse_far: f64,
+    /// Inverse depth of the farthest receivers that it can matter for.
+    pub inverse_least: f64,
     /// Texels to either side that it can matter for.
     pub reach: f64,
     /// Of [`Maps::corners`], the sharp ones at its start and its end, or [`NONE`].
     pub corners: [u32; 2],
+    /// What the silhouette is like around it.
+    pub trend: Trend,
     /// Vertices of the scene at its ends, or [`NONE`] where it was clipped.
     ends: [u32; 2],
 }
@@ -85,6 +93,18 @@ impl Line {
     #[inline(always)]
     pub fn normal(&self) -> DVec2 {
         DVec2::new(-self.along.y, self.along.x)
+    }
+
+    /// Whether its penumbra is narrow on all that is behind it.
+    #[inline(always)]
+    fn is_narrow(&self) -> bool {
+        self.inverse_least > 0.0
+    }
+
+    /// Inverse depth of its end nearer to the light.
+    fn inverse_nearest(&self) -> f64 {
+        let [start, change] = self.inverse_depth;
+        start.max(start + self.length * change)
     }
 
     /// The nearest point to `q`.
@@ -242,8 +262,10 @@ impl Maps {
             length,
             inverse_depth: [i, (j - i) / length],
             inverse_far: self.view.inverse_far,
+            inverse_least: 0.0,
             reach: 0.0,
             corners: [NONE; 2],
+            trend: Trend::NONE,
             ends: [
                 if t0 == 0.0 { edge.vertices[0] } else { NONE },
                 if t1 == 1.0 { edge.vertices[1] } else { NONE },
@@ -251,10 +273,16 @@ impl Maps {
         };
         line.inverse_far = self.behind(&line)?;
         let width = self.width(&line, line.inverse_far);
-        if width < NARROW && self.width(&line, self.view.inverse_far) > WIDE {
-            return None;
+        let widest = self.width(&line, self.view.inverse_far);
+        if width < NARROW && widest > WIDE {
+            let near = line.inverse_nearest();
+            let far = self.view.inverse_far;
+            line.inverse_least = near - (near - far) * (2.0 * NARROW / widest);
+            // Corners and fans are of other edges alone.
+            line.ends = [NONE; 2];
         }
         line.reach = width + REACH;
+        line.trend = self.trend(&line, width);
         Some(line)
     }
 
@@ -267,8 +295,7 @@ impl Maps {
                 .radius(line.normal(), self.view.tangents(q))
                 .0
         };
-        let near =
-            line.inverse_depth[0].max(line.inverse_depth[0] + line.length * line.inverse_depth[1]);
+        let near = line.inverse_nearest();
         let widest = radius(line.start).max(radius(end));
         self.view.focal * widest * (near - inverse_far).max(0.0)
     }
@@ -405,7 +432,10 @@ impl Drawing {
         let of_loose = loose.par_chunks(PART).map(|chunk| {
             let mut out = Drawing::default();
             for &(line, starts) in chunk {
-                out.cap(lines, line, starts);
+                // What a narrow penumbra has around an end is the texel's staircase.
+                if !lines[line as usize].is_narrow() {
+                    out.cap(lines, line, starts);
+                }
             }
             out
         });
@@ -534,6 +564,11 @@ impl Cover for Distances<'_> {
             if distance > line.reach * line.reach {
                 continue;
             }
+            // Behind all others.
+            let distance = match line.is_narrow() {
+                true => distance + LAST,
+                false => distance,
+            };
             let side = usize::from(across > 0.0);
             if distance < self.distance[side][start + i] {
                 self.distance[side][start + i] = distance;

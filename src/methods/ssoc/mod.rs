@@ -20,6 +20,7 @@ pub mod distorted;
 pub mod falloff;
 pub mod lookup;
 pub mod maps;
+pub mod trend;
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -353,6 +354,18 @@ mod tests {
             }
         }
         assert!(known[0] > 1000 && known[1] > 1000, "{known:?}");
+    }
+
+    #[test]
+    fn the_reference_image_can_be_cancelled() {
+        let casters = star();
+        let light = Light::sphere(DVec3::new(0.1, -0.2, 2.0), 0.3, [1.0; 3]).unwrap();
+        let mut all = maps(&casters, &light);
+        let control = Control::default();
+        control.cancel();
+        let found = Ssoc::reference(&mut all, &casters, &control);
+        assert!(matches!(found, Err(Error::Cancelled)));
+        assert!(all.iter().all(|m| m.seen.is_empty()));
     }
 
     #[test]
