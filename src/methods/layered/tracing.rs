@@ -2,9 +2,9 @@
 //!
 //! The quadtree is walked once for 256 samples. At each node two sets are looked up ([`super::masks`]):
 //! the samples whose segments can meet what the node holds, and, where one surface covers it, those that surely
-//! cross that surface. A node that none of the undecided samples can meet is left out with all below it: so a
-//! receiver with nothing before the light takes a few nodes. Of four siblings the one that spans most slopes
-//! comes first, so that in the umbra few are left to look at.
+//! cross that surface, above the receiver's tangent plane. A node that none of the undecided samples can meet is
+//! left out with all below it: so a receiver with nothing before the light takes a few nodes. Of four siblings the
+//! one that most undecided samples can meet comes first, so that in the umbra few are left to look at.
 //!
 //! At the leaves a piece of a surface hides the samples whose segments cross its plane within the
 //! texel. Seen from the receiver that is a quadrilateral of slopes; it is taken as the rectangle through the
@@ -280,7 +280,7 @@ impl Walk<'_> {
         } else {
             None
         };
-        // The child that most samples can meet comes next.
+        // The child that most undecided samples can meet comes next.
         let (mut most, mut last) = (0, stack.len());
         // The children whose own pieces are to be looked at.
         let mut leaves = 0;
