@@ -2,9 +2,9 @@
 //!
 //! The quadtree is walked once for 256 samples. At each node two sets are looked up ([`super::masks`]):
 //! the samples whose segments can meet what the node holds, and, where one surface covers it, those that surely
-//! cross that surface. A node that none of the undecided samples can meet is left out with all below it: so a
-//! receiver with nothing before the light takes a few nodes. Of four siblings the one that spans most slopes
-//! comes first, so that in the umbra few are left to look at.
+//! cross that surface, above the receiver's tangent plane. A node that none of the undecided samples can meet is
+//! left out with all below it: so a receiver with nothing before the light takes a few nodes. Of four siblings the
+//! one that most undecided samples can meet comes first, so that in the umbra few are left to look at.
 //!
 //! At the leaves a piece of a surface hides the samples whose segments cross its plane within the
 //! texel. Seen from the receiver that is a quadrilateral of slopes; it is taken as the rectangle through the
@@ -242,6 +242,7 @@ impl Walk<'_> {
         let [su, sv] = self.scale.map(Vec4::splat);
         let [ou, ov] = self.offset.map(Vec4::splat);
         let half = Vec4::splat(0.5);
+        let sides = (left, right, upper, lower);
         let (left, right) = (left * su, right * su);
         let (upper, lower) = (upper * sv, lower * sv);
         let u0 = bins((left * inverse_far).min(left * inverse_near) - ou - half);
@@ -251,14 +252,24 @@ impl Walk<'_> {
         let cover_low = Vec4::from_array(quad.cover_low);
         let cover_high = Vec4::from_array(quad.cover_high);
         // A cover that is no thicker than it is far from the receiver.
-        let covered = if level == 0 {
+        let mut covered = if level == 0 {
             0
         } else {
             let margin = (half * (cover_high - cover_low)).max(w * (4.0 * ROUNDING));
-            cover_low.cmpgt(w + margin).bitmask()
+            some & cover_low.cmpgt(w + margin).bitmask()
                 & cover_high.cmplt(Vec4::splat(self.pencil.end)).bitmask()
         };
-        let sure = if covered & some != 0 {
+        // All of it is above the tangent plane, as a piece's middle has to be.
+        if self.has_plane && covered != 0 {
+            let (left, right, upper, lower) = sides;
+            let [a, b, c] = self.pencil.plane.map(Vec4::splat);
+            let (low, high) = (c * (cover_low - w), c * (cover_high - w));
+            let height = (a * left).min(a * right) + (b * upper).min(b * lower) + low.min(high);
+            let terms = (a * left).abs() + (b * upper).abs() + (c * cover_high).abs();
+            let margin = terms * ROUNDING + cover_high * self.how.bias;
+            covered &= height.cmpgt(margin).bitmask();
+        }
+        let sure = if covered != 0 {
             let (far, near) = ((cover_low - w).recip(), (cover_high - w).recip());
             Some([
                 bins((left * far).max(left * near) - ou + half),
@@ -269,7 +280,7 @@ impl Walk<'_> {
         } else {
             None
         };
-        // The child that spans most slopes comes next.
+        // The child that most undecided samples can meet comes next.
         let (mut most, mut last) = (0, stack.len());
         // The children whose own pieces are to be looked at.
         let mut leaves = 0;
@@ -296,9 +307,9 @@ impl Walk<'_> {
                 leaves |= 1 << i;
             }
             if level > 0 && far[i] <= from {
-                let bins = (u1[i] - u0[i]) * (v1[i] - v0[i]);
-                if bins >= most {
-                    (most, last) = (bins, stack.len());
+                let count = met.count();
+                if count >= most {
+                    (most, last) = (count, stack.len());
                 }
                 stack.push((level - 1, 2 * x + (i as u32 & 1), 2 * y + (i as u32 >> 1)));
             }
