@@ -15,7 +15,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Frame, Geometry, MeshRange, Sphere};
-use crate::memory::filled;
+use crate::memory::{fill, unwritten, written};
 use crate::mesh::check_finite;
 use crate::raster::nearest::{NONE, Nearest};
 use crate::raster::{TILE, rasterize};
@@ -218,20 +218,14 @@ pub fn from_camera(
         })
         .collect();
     let total = counts.iter().sum();
-    let mut receivers = Receivers {
-        positions: filled(DVec3::ZERO, total),
-        normals: filled(DVec3::ZERO, total),
-        index: filled(0, total),
-        groups: vec![0],
-        faces: Vec::new(),
-        camera: Some(*camera),
-    };
-    let mut parts = Vec::with_capacity(counts.len());
+    let (mut all_positions, mut all_normals) = (unwritten(total), unwritten(total));
+    let (mut all_index, mut groups) = (unwritten(total), vec![0]);
     let (mut p, mut n, mut id) = (
-        &mut receivers.positions[..],
-        &mut receivers.normals[..],
-        &mut receivers.index[..],
+        &mut all_positions[..],
+        &mut all_normals[..],
+        &mut all_index[..],
     );
+    let mut parts = Vec::with_capacity(counts.len());
     for (block, &count) in counts.iter().enumerate().filter(|(_, c)| **c > 0) {
         let here;
         (here, p) = p.split_at_mut(count);
@@ -240,14 +234,14 @@ pub fn from_camera(
         let (index, rest) = id.split_at_mut(count);
         id = rest;
         parts.push((block as u32, here, normals, index));
-        receivers
-            .groups
-            .push(receivers.groups.last().copied().unwrap_or(0) + count as u32);
+        groups.push(groups.last().copied().unwrap_or(0) + count as u32);
     }
     control.advance(counts.len() - parts.len());
     parts.into_par_iter().try_for_each_init(
         Pixels::new,
         |pixels, (block, positions, normals, index)| {
+            let (positions, normals) = (fill(positions, DVec3::ZERO), fill(normals, DVec3::ZERO));
+            let index = fill(index, 0);
             let (xs, ys) = pixels_of(block, camera);
             let mut i = 0;
             for y in ys {
@@ -280,11 +274,26 @@ pub fn from_camera(
             control.step()
         },
     )?;
+    // SAFETY: the blocks share them out among themselves, and each filled its part.
+    let (positions, normals, index) = unsafe {
+        (
+            written(all_positions),
+            written(all_normals),
+            written(all_index),
+        )
+    };
     let face = |&pixel: &u32| match surface.hit[pixel as usize] {
         Hit::Triangle(face) => face,
         _ => NONE,
     };
-    receivers.faces = receivers.index.par_iter().map(face).collect();
+    let receivers = Receivers {
+        faces: index.par_iter().map(face).collect(),
+        positions,
+        normals,
+        index,
+        groups,
+        camera: Some(*camera),
+    };
     Ok((surface, receivers))
 }
 
@@ -311,14 +320,14 @@ fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> R
         control,
         Nearest::new,
     )?;
-    let mut depth = filled(f64::INFINITY, camera.pixels());
-    let mut hit = filled(Hit::Nothing, camera.pixels());
+    let (mut depth, mut hit) = (unwritten(camera.pixels()), unwritten(camera.pixels()));
     let width = camera.width as usize;
     let rows_of_tiles = depth
         .par_chunks_mut(width * TILE as usize)
         .zip(hit.par_chunks_mut(width * TILE as usize))
         .zip(tiles.par_chunks(camera.width.div_ceil(TILE) as usize));
     rows_of_tiles.for_each(|((depth, hit), tiles)| {
+        let (depth, hit) = (fill(depth, f64::INFINITY), fill(hit, Hit::Nothing));
         for (tile, nearest) in tiles {
             for row in 0..tile.height as usize {
                 let from = row * tile.width as usize;
@@ -333,6 +342,8 @@ fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> R
             }
         }
     });
+    // SAFETY: every row of tiles filled its rows.
+    let (mut depth, mut hit) = unsafe { (written(depth), written(hit)) };
     if !geometry.spheres.is_empty() {
         add_spheres(geometry, camera, &mut depth, &mut hit);
     }
