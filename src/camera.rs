@@ -84,7 +84,7 @@ impl Camera {
     }
 
     /// Homogeneous pixel coordinates: `(x z, y z, z)`.
-    #[inline]
+    #[inline(always)]
     pub fn project(&self, p: DVec3) -> DVec3 {
         self.intrinsics * (self.rotation * (p - self.eye))
     }

@@ -20,6 +20,7 @@ use super::distorted::Seen;
 use super::falloff::Falloff;
 use super::maps::Maps;
 use crate::geometry::Geometry;
+use crate::methods::views::View;
 use crate::raster::nearest::NONE;
 use crate::sampling::POINT_OFFSET;
 
@@ -48,15 +49,74 @@ pub(super) struct Receiver {
     normal: DVec3,
     height: f64,
     /// Farthest that a surface counts as the receiver's own.
-    slack: f64,
+    pub slack: f64,
 }
 
 impl Receiver {
+    /// The receiver at `p` (local) with unit normal `n`, or zero, and its depth; only for positive depths, and places in
+    /// the view, does it mean anything.
+    #[inline(always)]
+    pub(super) fn new(view: &View, p: DVec3, n: DVec3) -> (Self, f64) {
+        let (at, depth) = view.project(p);
+        let normal = view.camera.rotation * n;
+        let slack = POINT_OFFSET * p.abs().max_element().max(1.0);
+        // Half a texel's diagonal: a crease may stand out as far within the texel.
+        let more = std::f64::consts::FRAC_1_SQRT_2 * depth / view.focal;
+        let receiver = Receiver {
+            local: p,
+            at,
+            inverse_depth: 1.0 / depth,
+            normal,
+            height: normal.dot(view.camera.rotation * (p - view.camera.eye)),
+            slack: if n == DVec3::ZERO {
+                slack + more
+            } else {
+                slack
+            },
+        };
+        (receiver, depth)
+    }
+
+    /// Height of a direction over the tangent plane's directions.
+    #[inline(always)]
+    pub(super) fn along(&self, direction: DVec3) -> f64 {
+        self.normal.dot(direction)
+    }
+
+    /// What [`Receiver::along`] is compared with at an inverse depth of 1.
+    #[inline(always)]
+    pub(super) fn reach(&self, slack: f64) -> f64 {
+        self.height + slack
+    }
+
     /// Whether the point along a direction of depth 1 is over the receiver's tangent plane by more than the slack.
     #[inline(always)]
     fn is_below(&self, direction: DVec3, inverse_depth: f64, slack: f64) -> bool {
-        self.normal.dot(direction) > inverse_depth * (self.height + slack)
+        self.along(direction) > inverse_depth * self.reach(slack)
     }
+}
+
+/// First corners of the four texels around an image point, and the point's part of the way from the first to the last.
+#[inline(always)]
+pub(super) fn around(view: &View, at: DVec2) -> ([DVec2; 4], DVec2) {
+    let last = DVec2::new(
+        f64::from(view.camera.width - 1),
+        f64::from(view.camera.height - 1),
+    );
+    let corner = at - 0.5;
+    // In two steps, since `floor` is a call where the instruction set is not known to have it.
+    let base = DVec2::new(
+        (corner.x + 1.0) as i32 as f64,
+        (corner.y + 1.0) as i32 as f64,
+    ) - 1.0;
+    let place = |i: f64, j: f64| (base + DVec2::new(i, j)).max(DVec2::ZERO).min(last);
+    let places = [
+        place(0.0, 0.0),
+        place(1.0, 0.0),
+        place(0.0, 1.0),
+        place(1.0, 1.0),
+    ];
+    (places, corner - base)
 }
 
 /// A triangle's plane.
@@ -98,25 +158,11 @@ impl Lookup<'_> {
     /// hold it.
     pub fn visibility(&self, maps: &Maps, p: DVec3, n: DVec3) -> Option<f64> {
         let view = &maps.view;
-        let (at, depth) = view.project(p);
+        let (receiver, depth) = Receiver::new(view, p, n);
         if depth.is_nan() || depth <= 0.0 {
             return None;
         }
-        let texel = view.texel(at)?;
-        let normal = view.camera.rotation * n;
-        let mut slack = POINT_OFFSET * p.abs().max_element().max(1.0);
-        if n == DVec3::ZERO {
-            // Half a texel's diagonal: a crease may stand out as far within the texel.
-            slack += std::f64::consts::FRAC_1_SQRT_2 * depth / view.focal;
-        }
-        let receiver = Receiver {
-            local: p,
-            at,
-            inverse_depth: 1.0 / depth,
-            normal,
-            height: normal.dot(view.camera.rotation * (p - view.camera.eye)),
-            slack,
-        };
+        let texel = view.texel(receiver.at)?;
         if self.hard {
             return Some(if self.hidden(maps, texel, &receiver) {
                 0.0
@@ -127,19 +173,7 @@ impl Lookup<'_> {
         if !self.interpolate {
             return Some(self.evaluate(maps, &receiver, self.start(maps, texel, &receiver)));
         }
-        let last = DVec2::new(
-            f64::from(view.camera.width - 1),
-            f64::from(view.camera.height - 1),
-        );
-        let corner = at - 0.5;
-        // In two steps, since `floor` is a call where the instruction set is not known to have it.
-        let base = DVec2::new(
-            (corner.x + 1.0) as i32 as f64,
-            (corner.y + 1.0) as i32 as f64,
-        ) - 1.0;
-        let part = corner - base;
-        let places = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
-            .map(|(i, j)| (base + DVec2::new(i, j)).max(DVec2::ZERO).min(last));
+        let (places, part) = around(view, receiver.at);
         let texels = places.map(|at| at.y as usize * view.camera.width as usize + at.x as usize);
         // Most receivers: all four texels saw what hides nothing of theirs, far from any edge.
         let free = |i: usize| {

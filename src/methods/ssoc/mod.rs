@@ -18,6 +18,7 @@
 pub mod corners;
 pub mod distorted;
 pub mod falloff;
+mod free;
 pub mod lookup;
 pub mod maps;
 pub mod trend;
@@ -37,6 +38,7 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
 use falloff::Falloff;
+use free::Group;
 use lookup::{Lookup, MOST_STEPS};
 use maps::Maps;
 
@@ -252,14 +254,25 @@ impl Prepared for PreparedSsoc {
             let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
             seen.min(h) as f32
         };
+        // The view that is asked first, if there is one.
+        let soft = lookup.interpolate && !lookup.hard;
+        let first = match &maps[..] {
+            [first, rest @ ..] if soft && rest.iter().all(|m| m.view.only.is_some()) => Some(first),
+            _ => None,
+        };
         let parts: Vec<Vec<f32>> = receivers
             .group_ranges()
-            .map(|range| {
+            .map_init(Group::new, |group, range| {
                 control.step()?;
                 let mut seen = Vec::with_capacity(range.len());
                 let (p, n) = (&receivers.positions, &receivers.normals);
-                light.fractions_above(&p[range.clone()], &n[range.clone()], |i, h| {
-                    seen.push(one(range.start + i, h));
+                let (p, n) = (&p[range.clone()], &n[range.clone()]);
+                let free = first.map_or(0, |first| group.free(first, p, n));
+                light.fractions_above(p, n, |i, h| {
+                    seen.push(match free >> i & 1 {
+                        1 => h as f32,
+                        _ => one(range.start + i, h),
+                    });
                 });
                 Ok(seen)
             })
@@ -354,6 +367,53 @@ mod tests {
             }
         }
         assert!(known[0] > 1000 && known[1] > 1000, "{known:?}");
+    }
+
+    #[test]
+    fn what_is_free_at_once_is_what_lookups_find_free_at_first() {
+        let casters = star();
+        let center = DVec3::new(0.1, -0.2, 2.0);
+        let light = Light::sphere(center, 0.2, [1.0; 3]).unwrap();
+        let frame = &casters.geometry().frame;
+        let map = &maps(&casters, &light)[0];
+        let lookup = Lookup {
+            geometry: casters.geometry(),
+            steps: 3,
+            falloff: Falloff::Light,
+            interpolate: true,
+            thin: true,
+            hard: false,
+        };
+        // Over and beyond the ground and the star, behind the light, in the view's border, and without normals.
+        let point = |i: u32| {
+            let turn = f64::from(i) * 2.4;
+            let (radius, height) = (0.002 * f64::from(i), f64::from(i % 7) * 0.4 - 0.1);
+            let height = if i % 3 == 0 { 0.0 } else { height };
+            frame.to_local(DVec3::new(radius * turn.cos(), radius * turn.sin(), height))
+        };
+        let normal = |i: u32| match i % 11 {
+            0 => DVec3::ZERO,
+            1 => DVec3::X,
+            _ => DVec3::Z,
+        };
+        let (mut group, mut counts) = (Group::new(), [0, 0]);
+        for first in (0..1200).step_by(50) {
+            let ids = first..first + 50;
+            let positions: Vec<_> = ids.clone().map(point).collect();
+            let normals: Vec<_> = ids.map(normal).collect();
+            let free = group.free(map, &positions, &normals);
+            for (i, (&p, &n)) in positions.iter().zip(&normals).enumerate() {
+                let alone = lookup.visibility(map, p, n);
+                if free >> i & 1 == 1 {
+                    assert_eq!(alone, Some(1.0), "{p} {n}");
+                    counts[0] += 1;
+                } else if n == DVec3::Z && alone == Some(1.0) {
+                    counts[1] += 1;
+                }
+            }
+        }
+        // What else is lit is near an edge, or behind something.
+        assert!(counts[0] > 300 && counts[1] < counts[0], "{counts:?}");
     }
 
     #[test]

@@ -1,0 +1,88 @@
+//! Groups of receivers of which most are far from any shadow: those that nothing hides are found together.
+//!
+//! The same that a lookup by itself finds first, from the same numbers: all four texels around a receiver saw what
+//! hides nothing of it, far from any edge. Places and planes are found in registers, for all of a group.
+
+use glam::DVec3;
+
+use super::lookup::{Receiver, around};
+use super::maps::Maps;
+use crate::methods::views::View;
+use crate::raster::nearest::NONE;
+use crate::receivers::GROUP;
+use crate::simd::{Lanes, detect, dispatch};
+
+/// A group of receivers in a view, a column for every number.
+pub(super) struct Group {
+    positions: [[f64; GROUP]; 3],
+    normals: [[f64; GROUP]; 3],
+    /// The four texels around each.
+    texels: [[u32; GROUP]; 4],
+    /// Height of the tangent plane along the texels' directions, and what it is compared with at an inverse depth
+    /// of 1 ([`Receiver::is_below`]).
+    height: [[f64; GROUP]; 4],
+    reach: [f64; GROUP],
+}
+
+impl Group {
+    /// An empty one.
+    pub(super) fn new() -> Self {
+        Group {
+            positions: [[0.0; GROUP]; 3],
+            normals: [[0.0; GROUP]; 3],
+            texels: [[0; GROUP]; 4],
+            height: [[0.0; GROUP]; 4],
+            reach: [0.0; GROUP],
+        }
+    }
+
+    /// Bit `i` is set where the maps show at once that nothing hides any light from receiver `i`.
+    pub(super) fn free(&mut self, maps: &Maps, positions: &[DVec3], normals: &[DVec3]) -> u64 {
+        for (i, (p, n)) in positions.iter().zip(normals).enumerate() {
+            for k in 0..3 {
+                (self.positions[k][i], self.normals[k][i]) = (p[k], n[k]);
+            }
+        }
+        let (group, view) = (&mut *self, &maps.view);
+        dispatch!(detect() => look(group: &mut Group, view: &View));
+        let mut free = 0;
+        for i in 0..positions.len() {
+            let is_free = (0..4).all(|k| {
+                let texel = self.texels[k][i] as usize;
+                let below = self.height[k][i] > maps.inverse_depth[texel] * self.reach[i];
+                !below && maps.outside[texel] == NONE
+            });
+            free |= u64::from(is_free) << i;
+        }
+        free
+    }
+}
+
+/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
+#[allow(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` names the lanes"
+)]
+#[inline(always)]
+unsafe fn look<S: Lanes>(group: &mut Group, view: &View) {
+    let [width, height] = [view.camera.width, view.camera.height].map(f64::from);
+    for i in 0..GROUP {
+        let at = |of: &[[f64; GROUP]; 3]| DVec3::new(of[0][i], of[1][i], of[2][i]);
+        let (p, n) = (at(&group.positions), at(&group.normals));
+        let (receiver, depth) = Receiver::new(view, p, n);
+        let q = receiver.at;
+        let held = (depth > 0.0)
+            & (q.x >= 0.0)
+            & (q.y >= 0.0)
+            & (q.x < width)
+            & (q.y < height)
+            & ((n.x != 0.0) | (n.y != 0.0) | (n.z != 0.0));
+        let (places, _) = around(view, q);
+        for k in 0..4 {
+            group.texels[k][i] = places[k].y as u32 * view.camera.width + places[k].x as u32;
+            let along = receiver.along(view.tangents(places[k] + 0.5).extend(1.0));
+            group.height[k][i] = if held { along } else { f64::INFINITY };
+        }
+        group.reach[i] = receiver.reach(receiver.slack);
+    }
+}
