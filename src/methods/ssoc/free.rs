@@ -22,6 +22,8 @@ pub(super) struct Group {
     /// of 1 ([`Receiver::is_below`]).
     height: [[f64; GROUP]; 4],
     reach: [f64; GROUP],
+    /// 1 where the view holds a receiver.
+    held: [u8; GROUP],
 }
 
 impl Group {
@@ -33,11 +35,18 @@ impl Group {
             texels: [[0; GROUP]; 4],
             height: [[0.0; GROUP]; 4],
             reach: [0.0; GROUP],
+            held: [0; GROUP],
         }
     }
 
-    /// Bit `i` is set where the maps show at once that nothing hides any light from receiver `i`.
-    pub(super) fn free(&mut self, maps: &Maps, positions: &[DVec3], normals: &[DVec3]) -> u64 {
+    /// Bit `i` is set where the maps show at once that nothing hides any light from receiver `i`. Also whether the view
+    /// holds any of the receivers.
+    pub(super) fn free(
+        &mut self,
+        maps: &Maps,
+        positions: &[DVec3],
+        normals: &[DVec3],
+    ) -> (u64, bool) {
         for (i, (p, n)) in positions.iter().zip(normals).enumerate() {
             for k in 0..3 {
                 (self.positions[k][i], self.normals[k][i]) = (p[k], n[k]);
@@ -54,7 +63,7 @@ impl Group {
             });
             free |= u64::from(is_free) << i;
         }
-        free
+        (free, self.held[..positions.len()].contains(&1))
     }
 }
 
@@ -71,17 +80,15 @@ unsafe fn look<S: Lanes>(group: &mut Group, view: &View) {
         let (p, n) = (at(&group.positions), at(&group.normals));
         let (receiver, depth) = Receiver::new(view, p, n);
         let q = receiver.at;
-        let held = (depth > 0.0)
-            & (q.x >= 0.0)
-            & (q.y >= 0.0)
-            & (q.x < width)
-            & (q.y < height)
-            & ((n.x != 0.0) | (n.y != 0.0) | (n.z != 0.0));
+        let held = (depth > 0.0) & (q.x >= 0.0) & (q.y >= 0.0) & (q.x < width) & (q.y < height);
+        group.held[i] = u8::from(held);
+        // Without a normal, a look at more than the four is needed.
+        let known = held & ((n.x != 0.0) | (n.y != 0.0) | (n.z != 0.0));
         let (places, _) = around(view, q);
         for k in 0..4 {
             group.texels[k][i] = places[k].y as u32 * view.camera.width + places[k].x as u32;
             let along = receiver.along(view.tangents(places[k] + 0.5).extend(1.0));
-            group.height[k][i] = if held { along } else { f64::INFINITY };
+            group.height[k][i] = if known { along } else { f64::INFINITY };
         }
         group.reach[i] = receiver.reach(receiver.slack);
     }

@@ -26,6 +26,7 @@ pub mod trend;
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::views::{View, most_central, views};
@@ -232,33 +233,42 @@ impl Prepared for PreparedSsoc {
             thin: self.method.thin,
             hard: is_point(light),
         };
+        let central = |faces: &[Maps], p: DVec3| {
+            let cameras = faces.iter().map(|m| &m.view.camera);
+            most_central(cameras, light.center(), p)
+        };
         let one = |i: usize, h: f64| {
             let (p, n) = (receivers.positions[i], receivers.normals[i]);
             if h == 0.0 {
                 return 0.0;
             }
-            let central = |faces: &[Maps]| {
-                let cameras = faces.iter().map(|m| &m.view.camera);
-                most_central(cameras, light.center(), p)
-            };
             let map = match &maps[..] {
                 [one] => Some(one),
                 // Faces that hold only what is behind everything come after a view that holds the rest.
                 [first, rest @ ..] if rest[0].view.only.is_some() => match first.view.holds(p) {
                     true => Some(first),
-                    false => rest.get(central(rest)),
+                    false => rest.get(central(rest, p)),
                 },
-                faces => faces.get(central(faces)),
+                faces => faces.get(central(faces, p)),
             };
             // At one place in the code, or the compiler makes a call of it.
             let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
             seen.min(h) as f32
         };
-        // The view that is asked first, if there is one.
+        // Those of a group that nothing hides, from the same views.
         let soft = lookup.interpolate && !lookup.hard;
-        let first = match &maps[..] {
-            [first, rest @ ..] if soft && rest.iter().all(|m| m.view.only.is_some()) => Some(first),
-            _ => None,
+        let free = |group: &mut Group, p: &[DVec3], n: &[DVec3]| match &maps[..] {
+            [first, rest @ ..] if soft && rest.iter().all(|m| m.view.only.is_some()) => {
+                let (free, held) = group.free(first, p, n);
+                let face = central(rest, p[0]);
+                match rest.get(face) {
+                    Some(map) if !held && p.iter().all(|&p| central(rest, p) == face) => {
+                        group.free(map, p, n).0
+                    }
+                    _ => free,
+                }
+            }
+            _ => 0,
         };
         let parts: Vec<Vec<f32>> = receivers
             .group_ranges()
@@ -267,7 +277,7 @@ impl Prepared for PreparedSsoc {
                 let mut seen = Vec::with_capacity(range.len());
                 let (p, n) = (&receivers.positions, &receivers.normals);
                 let (p, n) = (&p[range.clone()], &n[range.clone()]);
-                let free = first.map_or(0, |first| group.free(first, p, n));
+                let free = free(group, p, n);
                 light.fractions_above(p, n, |i, h| {
                     seen.push(match free >> i & 1 {
                         1 => h as f32,
@@ -297,7 +307,7 @@ mod tests {
     use super::*;
     use crate::raster::nearest::NONE;
     use crate::scene::{Material, Scene};
-    use glam::{DVec2, DVec3};
+    use glam::DVec2;
 
     const LOOKS: Material = Material {
         albedo: [1.0; 3],
@@ -401,7 +411,7 @@ mod tests {
             let ids = first..first + 50;
             let positions: Vec<_> = ids.clone().map(point).collect();
             let normals: Vec<_> = ids.map(normal).collect();
-            let free = group.free(map, &positions, &normals);
+            let (free, _) = group.free(map, &positions, &normals);
             for (i, (&p, &n)) in positions.iter().zip(&normals).enumerate() {
                 let alone = lookup.visibility(map, p, n);
                 if free >> i & 1 == 1 {
