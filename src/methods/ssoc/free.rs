@@ -85,9 +85,9 @@ unsafe fn look<S: Lanes>(group: &mut Group, view: &View) {
         // Without a normal, a look at more than the four is needed.
         let known = held & ((n.x != 0.0) | (n.y != 0.0) | (n.z != 0.0));
         let (places, _) = around(view, q);
-        for k in 0..4 {
-            group.texels[k][i] = places[k].y as u32 * view.camera.width + places[k].x as u32;
-            let along = receiver.along(view.tangents(places[k] + 0.5).extend(1.0));
+        for (k, &place) in places.iter().enumerate() {
+            group.texels[k][i] = place.y as u32 * view.camera.width + place.x as u32;
+            let along = receiver.along(view.tangents(place + 0.5).extend(1.0));
             group.height[k][i] = if known { along } else { f64::INFINITY };
         }
         group.reach[i] = receiver.reach(receiver.slack);

@@ -398,7 +398,7 @@ mod tests {
         let point = |i: u32| {
             let turn = f64::from(i) * 2.4;
             let (radius, height) = (0.002 * f64::from(i), f64::from(i % 7) * 0.4 - 0.1);
-            let height = if i % 3 == 0 { 0.0 } else { height };
+            let height = if i.is_multiple_of(3) { 0.0 } else { height };
             frame.to_local(DVec3::new(radius * turn.cos(), radius * turn.sin(), height))
         };
         let normal = |i: u32| match i % 11 {
