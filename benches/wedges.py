@@ -1,7 +1,7 @@
 """Time and error of penumbra wedges: speed by light, stages, what each optimisation gains, errors.
 
     python benches/wedges.py [--size 512] [--repeats 9] [--samples 1024] [--quick]
-                             [--parts speed receivers gains errors fans]
+                             [--parts speed prepare receivers gains errors fans]
 
 Frames are dynamic: for each, silhouettes and wedges are built again and nothing is kept but the
 meshes' adjacency, as when the light or an object moves. benches/README.md says how to read it.
@@ -10,6 +10,7 @@ meshes' adjacency, as when the light or an object moves. benches/README.md says 
 from __future__ import annotations
 
 import argparse
+import statistics
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
@@ -18,7 +19,7 @@ import softshadow as ss
 from softshadow.scenes import Setup
 from tables import against_reference, dynamic_frame, in_turn, table
 
-PARTS = ("speed", "receivers", "gains", "errors", "fans")
+PARTS = ("speed", "prepare", "receivers", "gains", "errors", "fans")
 
 
 def frame(setup: Setup, method: ss.Method) -> Callable[[], dict[str, float]]:
@@ -52,6 +53,20 @@ def speed(size: int, repeats: int) -> Iterable[dict[str, Any]]:
             labels = {"scene": name, "edges": silhouette_edges(setup), "light": light_size}
             cases.append((labels, frame(setup, ss.Wedges())))
         yield from in_turn(cases, repeats)
+
+
+def prepare(size: int, repeats: int) -> Iterable[dict[str, Any]]:
+    """Time silhouettes and wedges alone, one after the other, as the mesh stays in the caches."""
+    stages = ("silhouettes", "wedges")
+    for name, make in (("bunny", ss.scenes.bunny_on_plane), ("statue", ss.scenes.statue)):
+        setup = make(width=size, height=size, light="sphere", light_size=0.25)
+        found: dict[str, list[float]] = {stage: [] for stage in stages}
+        for _ in range(10 * repeats):
+            seconds = ss.prepare(setup.scene, setup.light, "wedges").seconds
+            for stage in stages:
+                found[stage].append(1e3 * seconds[stage])
+        labels = {"scene": name, "edges": silhouette_edges(setup)}
+        yield labels | {stage: statistics.median(values) for stage, values in found.items()}
 
 
 def receivers(size: int, repeats: int) -> Iterable[dict[str, Any]]:
