@@ -122,7 +122,7 @@ impl View {
     /// Whether a local point is in the view.
     pub fn holds(&self, p: DVec3) -> bool {
         let (q, depth) = self.project(p);
-        depth > 0.0 && self.texel(q).is_some()
+        depth > 0.0 && self.contains(q)
     }
 
     /// A texel's centre.
@@ -136,12 +136,18 @@ impl View {
     /// Index of the texel that holds an image point.
     #[inline(always)]
     pub fn texel(&self, q: DVec2) -> Option<usize> {
-        let (w, h) = (self.camera.width, self.camera.height);
-        if q.x >= 0.0 && q.y >= 0.0 && q.x < f64::from(w) && q.y < f64::from(h) {
-            Some(q.y as usize * w as usize + q.x as usize)
+        if self.contains(q) {
+            Some(q.y as usize * self.camera.width as usize + q.x as usize)
         } else {
             None
         }
+    }
+
+    /// Whether an image point is in the image; without branches.
+    #[inline(always)]
+    pub fn contains(&self, q: DVec2) -> bool {
+        let [w, h] = [self.camera.width, self.camera.height].map(f64::from);
+        (q.x >= 0.0) & (q.y >= 0.0) & (q.x < w) & (q.y < h)
     }
 }
 

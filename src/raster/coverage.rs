@@ -9,7 +9,7 @@
 use glam::DVec3;
 
 use super::Tile;
-use super::setup::{self, Bounds, EdgeFunction, NEAR};
+use super::setup::{self, Bounds, EdgeFunction, NEAR, smaller};
 use crate::camera::Camera;
 
 /// A point with its place in the image.
@@ -185,7 +185,7 @@ impl Rows<4> {
             // An edge that is looked at twice changes nothing.
             let rows = |[a, b, c]: [EdgeFunction; 3], low, high| Rows::of([a, b, c, c], low, high);
             if setup::is_in_front(half, points) {
-                let Some((low, high)) = setup::pixels(half, points, bounds, camera) else {
+                let Some((low, high)) = within(&triangle(*half), bounds) else {
                     continue;
                 };
                 let mut corners = half.map(|v| {
@@ -338,11 +338,6 @@ fn spans_in_doubt(
 #[inline(always)]
 fn larger(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
-}
-
-#[inline(always)]
-fn smaller(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
 }
 
 /// The next whole number, of one from 0 on; at most `most + 1`.

@@ -325,25 +325,7 @@ fn centres(x: f64, size: u32) -> (i32, i32) {
     (ceil.max(0), floor.min(size as i32 - 1))
 }
 
-/// First and last column and row of the pixels whose centres a triangle can cover; `points` and `bounds`
-/// are those of the vertices.
-#[inline(always)]
-pub fn pixels(
-    face: &[u32; 3],
-    points: &[DVec3],
-    bounds: &[Bounds],
-    camera: &Camera,
-) -> Option<([u32; 2], [u32; 2])> {
-    let [a, b, c] = face.map(|v| bounds[v as usize]);
-    let all = a.and(b).and(c);
-    if all.is_behind() {
-        pixels_of(face, points, camera)
-    } else {
-        all.pixels()
-    }
-}
-
-/// As [`pixels`], of any triangle.
+/// First and last column and row of the pixels whose centres any triangle can cover.
 #[cold]
 pub(super) fn pixels_of(
     face: &[u32; 3],

@@ -74,13 +74,12 @@ impl Group {
 )]
 #[inline(always)]
 unsafe fn look<S: Lanes>(group: &mut Group, view: &View) {
-    let [width, height] = [view.camera.width, view.camera.height].map(f64::from);
     for i in 0..GROUP {
         let at = |of: &[[f64; GROUP]; 3]| DVec3::new(of[0][i], of[1][i], of[2][i]);
         let (p, n) = (at(&group.positions), at(&group.normals));
         let (receiver, depth) = Receiver::new(view, p, n);
         let q = receiver.at;
-        let held = (depth > 0.0) & (q.x >= 0.0) & (q.y >= 0.0) & (q.x < width) & (q.y < height);
+        let held = (depth > 0.0) & view.contains(q);
         group.held[i] = u8::from(held);
         // Without a normal, a look at more than the four is needed.
         let known = held & ((n.x != 0.0) | (n.y != 0.0) | (n.z != 0.0));

@@ -237,19 +237,19 @@ impl Prepared for PreparedSsoc {
             let cameras = faces.iter().map(|m| &m.view.camera);
             most_central(cameras, light.center(), p)
         };
+        // Faces that hold only what is behind everything come after a view that holds the rest.
+        let (first, rest) = match &maps[..] {
+            [first, rest @ ..] if rest.iter().all(|m| m.view.only.is_some()) => (Some(first), rest),
+            faces => (None, faces),
+        };
         let one = |i: usize, h: f64| {
             let (p, n) = (receivers.positions[i], receivers.normals[i]);
             if h == 0.0 {
                 return 0.0;
             }
-            let map = match &maps[..] {
-                [one] => Some(one),
-                // Faces that hold only what is behind everything come after a view that holds the rest.
-                [first, rest @ ..] if rest[0].view.only.is_some() => match first.view.holds(p) {
-                    true => Some(first),
-                    false => rest.get(central(rest, p)),
-                },
-                faces => faces.get(central(faces, p)),
+            let map = match first {
+                Some(first) if rest.is_empty() || first.view.holds(p) => Some(first),
+                _ => rest.get(central(rest, p)),
             };
             // At one place in the code, or the compiler makes a call of it.
             let seen = map.and_then(|m| lookup.visibility(m, p, n)).unwrap_or(1.0);
@@ -257,18 +257,18 @@ impl Prepared for PreparedSsoc {
         };
         // Those of a group that nothing hides, from the same views.
         let soft = lookup.interpolate && !lookup.hard;
-        let free = |group: &mut Group, p: &[DVec3], n: &[DVec3]| match &maps[..] {
-            [first, rest @ ..] if soft && rest.iter().all(|m| m.view.only.is_some()) => {
-                let (free, held) = group.free(first, p, n);
-                let face = central(rest, p[0]);
-                match rest.get(face) {
-                    Some(map) if !held && p.iter().all(|&p| central(rest, p) == face) => {
-                        group.free(map, p, n).0
-                    }
-                    _ => free,
+        let free = |group: &mut Group, p: &[DVec3], n: &[DVec3]| {
+            let Some(first) = first.filter(|_| soft) else {
+                return 0;
+            };
+            let (free, held) = group.free(first, p, n);
+            let face = central(rest, p[0]);
+            match rest.get(face) {
+                Some(map) if !held && p.iter().all(|&p| central(rest, p) == face) => {
+                    group.free(map, p, n).0
                 }
+                _ => free,
             }
-            _ => 0,
         };
         let parts: Vec<Vec<f32>> = receivers
             .group_ranges()
