@@ -134,7 +134,7 @@ impl Straight {
 
     fn visible(&self, lookup: &Lookup, view: &View) -> f64 {
         let s = ((self.width + self.x) / (2.0 * self.width)).clamp(0.0, 1.0);
-        lookup.falloff.visible(s, self.part, &view.outline)
+        lookup.rules.falloff.visible(s, self.part, &view.outline)
     }
 }
 

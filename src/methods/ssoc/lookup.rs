@@ -14,11 +14,14 @@
 //! the cone of rays to the light, `f r (1 / z - 1 / p_z) >= |distortion|`. With a reference image (`distorted`), what the
 //! distorted ray saw takes its place. Edges that find each other in turn leave a penumbra.
 
+use std::cell::Cell;
+
 use glam::{DVec2, DVec3, Vec3};
 
 use super::distorted::Seen;
 use super::falloff::Falloff;
 use super::maps::Maps;
+use crate::camera::Camera;
 use crate::geometry::Geometry;
 use crate::methods::views::View;
 use crate::raster::nearest::NONE;
@@ -119,9 +122,10 @@ pub(super) fn around(view: &View, at: DVec2) -> ([DVec2; 4], DVec2) {
     (places, corner - base)
 }
 
-/// A triangle's plane.
+/// A triangle's plane, of what is asked for again and again by neighbours.
+#[derive(Clone, Copy)]
 struct Plane {
-    point: DVec3,
+    corners: [Vec3; 3],
     /// Unit normal, to the light's side.
     normal: DVec3,
     /// Distance from the light's centre.
@@ -131,16 +135,70 @@ struct Plane {
 }
 
 impl Plane {
+    /// The plane of a triangle that a light at `eye` sees, if it has one.
+    fn new(corners: [Vec3; 3], eye: DVec3) -> Option<Plane> {
+        let [a, b, c] = corners.map(|v| v.as_dvec3());
+        let cross = (b - a).cross(c - a);
+        let normal = cross.try_normalize()?;
+        let towards = normal.dot(eye - a);
+        Some(Plane {
+            corners,
+            normal: if towards < 0.0 { -normal } else { normal },
+            towards: towards.abs(),
+            double_area: cross.length(),
+        })
+    }
+
     /// Whether a receiver is on the dark side by more than the slack.
+    #[inline(always)]
     fn hides(&self, receiver: &Receiver, slack: f64) -> bool {
-        self.normal.dot(receiver.local - self.point) < -slack
+        let [point, ..] = self.corners;
+        self.normal.dot(receiver.local - point.as_dvec3()) < -slack
+    }
+
+    /// Whether some of the triangle is nearer than a receiver: a plane that is seen almost edge-on may pass over
+    /// a receiver that is nearer than its triangle.
+    #[inline(always)]
+    fn starts_before(&self, camera: &Camera, receiver: &Receiver) -> bool {
+        let forward = camera.rotation.transpose().z_axis;
+        let depth = |v: Vec3| forward.dot(v.as_dvec3() - camera.eye);
+        let [a, b, c] = self.corners.map(depth);
+        a.min(b).min(c) * receiver.inverse_depth < 1.0
     }
 }
 
-/// The lookup with its parameters.
-pub struct Lookup<'a> {
-    /// The scene that casts.
-    pub geometry: &'a Geometry,
+/// Planes that a lookup keeps: those that the four texels around a receiver and its neighbours show.
+const PLANES: usize = 16;
+
+/// The planes found last for a light, by their triangles' numbers; `None` for a triangle without area.
+struct Planes {
+    last: [Cell<(u32, Option<Plane>)>; PLANES],
+}
+
+impl Planes {
+    fn new() -> Self {
+        Planes {
+            last: std::array::from_fn(|_| Cell::new((NONE, None))),
+        }
+    }
+
+    /// The plane of a triangle.
+    #[inline(always)]
+    fn get(&self, triangle: u32, find: impl FnOnce() -> Option<Plane>) -> Option<Plane> {
+        let last = &self.last[triangle as usize % PLANES];
+        let (known, plane) = last.get();
+        if known == triangle {
+            return plane;
+        }
+        let plane = find();
+        last.set((triangle, plane));
+        plane
+    }
+}
+
+/// How the maps are looked up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rules {
     /// Repeated distortions.
     pub steps: usize,
     /// How `S` becomes visibility.
@@ -149,11 +207,28 @@ pub struct Lookup<'a> {
     pub interpolate: bool,
     /// Whether light past the other side of thin occluders is looked for.
     pub thin: bool,
-    /// Whether the light is a point.
-    pub hard: bool,
 }
 
-impl Lookup<'_> {
+/// The lookup for one light, with its rules and what a thread finds again and again.
+pub struct Lookup<'a> {
+    geometry: &'a Geometry,
+    pub(super) rules: Rules,
+    /// Whether the light is a point.
+    hard: bool,
+    planes: Planes,
+}
+
+impl<'a> Lookup<'a> {
+    /// The lookup in the maps of one light over the scene that casts.
+    pub fn new(geometry: &'a Geometry, rules: Rules, hard: bool) -> Self {
+        Lookup {
+            geometry,
+            rules,
+            hard,
+            planes: Planes::new(),
+        }
+    }
+
     /// Visibility of a receiver at `p` (local) with unit normal `n`, or zero; `None` where the view does not
     /// hold it.
     pub fn visibility(&self, maps: &Maps, p: DVec3, n: DVec3) -> Option<f64> {
@@ -170,7 +245,7 @@ impl Lookup<'_> {
                 1.0
             });
         }
-        if !self.interpolate {
+        if !self.rules.interpolate {
             return Some(self.evaluate(maps, &receiver, self.start(maps, texel, &receiver)));
         }
         let (places, part) = around(view, receiver.at);
@@ -245,31 +320,15 @@ impl Lookup<'_> {
         let slack = receiver.slack + self.roughness(maps, texel, receiver, &plane);
         plane.hides(receiver, slack)
             && Self::in_front(maps, texel, receiver, slack)
-            && self.starts_before(maps, triangle, receiver)
+            && plane.starts_before(&maps.view.camera, receiver)
     }
 
     /// The plane of a triangle, if it has one.
+    #[inline(always)]
     fn plane(&self, maps: &Maps, triangle: u32) -> Option<Plane> {
-        let [a, b, c] = self.geometry.corners(triangle).map(|v| v.as_dvec3());
-        let cross = (b - a).cross(c - a);
-        let normal = cross.try_normalize()?;
-        let towards = normal.dot(maps.view.camera.eye - a);
-        Some(Plane {
-            point: a,
-            normal: if towards < 0.0 { -normal } else { normal },
-            towards: towards.abs(),
-            double_area: cross.length(),
+        self.planes.get(triangle, || {
+            Plane::new(self.geometry.corners(triangle), maps.view.camera.eye)
         })
-    }
-
-    /// Whether some of a triangle is nearer than a receiver: a plane that is seen almost edge-on may pass over
-    /// a receiver that is nearer than its triangle.
-    fn starts_before(&self, maps: &Maps, triangle: u32, receiver: &Receiver) -> bool {
-        let camera = &maps.view.camera;
-        let forward = camera.rotation.transpose().z_axis;
-        let depth = |v: Vec3| forward.dot(v.as_dvec3() - camera.eye);
-        let [a, b, c] = self.geometry.corners(triangle).map(depth);
-        a.min(b).min(c) * receiver.inverse_depth < 1.0
     }
 
     /// How far a surface of triangles that are smaller than a texel can stand out over the tangent plane
@@ -332,10 +391,10 @@ impl Lookup<'_> {
         } else {
             1.0
         };
-        let mut visible = self.falloff.visible(s, part, &view.outline);
-        if self.thin && before && trend.thickness + x < w {
+        let mut visible = self.rules.falloff.visible(s, part, &view.outline);
+        if self.rules.thin && before && trend.thickness + x < w {
             let beyond = ((w + x + trend.thickness) / (2.0 * w)).max(0.0);
-            visible += 1.0 - self.falloff.visible(beyond, part, &view.outline);
+            visible += 1.0 - self.rules.falloff.visible(beyond, part, &view.outline);
         }
         let mut found = Penumbra {
             x,
@@ -349,7 +408,7 @@ impl Lookup<'_> {
             point: foot.point,
             corners: [NONE; 2],
         };
-        if self.falloff == Falloff::Light && before && x < w {
+        if self.rules.falloff == Falloff::Light && before && x < w {
             self.cut_corners(maps, edge, receiver, &mut found);
         }
         found
@@ -385,7 +444,7 @@ impl Lookup<'_> {
         let mut known: [Option<Penumbra>; MOST_STEPS] = [None; MOST_STEPS];
         let mut edges = [NONE; MOST_STEPS];
         let mut count = 0;
-        for step in 0..self.steps {
+        for step in 0..self.rules.steps {
             let here = self.penumbra(maps, edge, from, receiver);
             if !here.before {
                 // An edge behind the receiver says nothing about it.
@@ -442,7 +501,7 @@ impl Lookup<'_> {
             }
             edge = next;
         }
-        if hidden && count < self.steps {
+        if hidden && count < self.rules.steps {
             return 0.0;
         }
         let product = known[..count]
@@ -451,7 +510,7 @@ impl Lookup<'_> {
             .map(|k| k.visible)
             .product::<f64>();
         match known[0] {
-            Some(first) if self.thin && !first.trend => {
+            Some(first) if self.rules.thin && !first.trend => {
                 (product + self.past(maps, receiver, &first)).min(1.0)
             }
             _ => product,

@@ -40,7 +40,7 @@ use crate::light::Light;
 use crate::receivers::Receivers;
 use falloff::Falloff;
 use free::Group;
-use lookup::{Lookup, MOST_STEPS};
+use lookup::{Lookup, MOST_STEPS, Rules};
 use maps::Maps;
 
 /// Bytes of a texel: inverse depth and triangle, an edge a side, and while the maps are drawn their tiles,
@@ -54,10 +54,7 @@ const SEEN_BYTES: usize = size_of::<distorted::Seen>();
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ssoc {
     resolution: u32,
-    steps: usize,
-    falloff: Falloff,
-    interpolate: bool,
-    thin: bool,
+    rules: Rules,
     distorted: bool,
     opaque: bool,
 }
@@ -88,10 +85,12 @@ impl Ssoc {
         }
         Ok(Ssoc {
             resolution: resolution as u32,
-            steps: steps as usize,
-            falloff,
-            interpolate,
-            thin,
+            rules: Rules {
+                steps: steps as usize,
+                falloff,
+                interpolate,
+                thin,
+            },
             distorted,
             opaque,
         })
@@ -225,14 +224,7 @@ impl Prepared for PreparedSsoc {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let maps = &self.maps[light];
         let light = &self.lights[light];
-        let lookup = Lookup {
-            geometry: self.casters.geometry(),
-            steps: self.method.steps,
-            falloff: self.method.falloff,
-            interpolate: self.method.interpolate,
-            thin: self.method.thin,
-            hard: is_point(light),
-        };
+        let (rules, hard) = (self.method.rules, is_point(light));
         let central = |faces: &[Maps], p: DVec3| {
             let cameras = faces.iter().map(|m| &m.view.camera);
             most_central(cameras, light.center(), p)
@@ -242,7 +234,7 @@ impl Prepared for PreparedSsoc {
             [first, rest @ ..] if rest.iter().all(|m| m.view.only.is_some()) => (Some(first), rest),
             faces => (None, faces),
         };
-        let one = |i: usize, h: f64| {
+        let one = |lookup: &Lookup<'_>, i: usize, h: f64| {
             let (p, n) = (receivers.positions[i], receivers.normals[i]);
             if h == 0.0 {
                 return 0.0;
@@ -256,7 +248,7 @@ impl Prepared for PreparedSsoc {
             seen.min(h) as f32
         };
         // Those of a group that nothing hides, from the same views.
-        let soft = lookup.interpolate && !lookup.hard;
+        let soft = rules.interpolate && !hard;
         let free = |group: &mut Group, p: &[DVec3], n: &[DVec3]| {
             let Some(first) = first.filter(|_| soft) else {
                 return 0;
@@ -270,9 +262,15 @@ impl Prepared for PreparedSsoc {
                 _ => free,
             }
         };
+        let own = || {
+            (
+                Group::new(),
+                Lookup::new(self.casters.geometry(), rules, hard),
+            )
+        };
         let parts: Vec<Vec<f32>> = receivers
             .group_ranges()
-            .map_init(Group::new, |group, range| {
+            .map_init(own, |(group, lookup), range| {
                 control.step()?;
                 let mut seen = Vec::with_capacity(range.len());
                 let (p, n) = (&receivers.positions, &receivers.normals);
@@ -281,7 +279,7 @@ impl Prepared for PreparedSsoc {
                 light.fractions_above(p, n, |i, h| {
                     seen.push(match free >> i & 1 {
                         1 => h as f32,
-                        _ => one(range.start + i, h),
+                        _ => one(lookup, range.start + i, h),
                     });
                 });
                 Ok(seen)
@@ -386,14 +384,13 @@ mod tests {
         let light = Light::sphere(center, 0.2, [1.0; 3]).unwrap();
         let frame = &casters.geometry().frame;
         let map = &maps(&casters, &light)[0];
-        let lookup = Lookup {
-            geometry: casters.geometry(),
+        let rules = Rules {
             steps: 3,
             falloff: Falloff::Light,
             interpolate: true,
             thin: true,
-            hard: false,
         };
+        let lookup = Lookup::new(casters.geometry(), rules, false);
         // Over and beyond the ground and the star, behind the light, in the view's border, and without normals.
         let point = |i: u32| {
             let turn = f64::from(i) * 2.4;
