@@ -25,6 +25,9 @@ use crate::surface::Pixels;
 /// Most receivers in a group.
 pub const GROUP: usize = 64;
 
+/// Most groups that one task takes: what is in the sky ends soon, and what is left is to be shared.
+const MOST_GROUPS: usize = 64;
+
 /// Side of a group of pixels.
 pub const BLOCK: u32 = 8;
 
@@ -67,6 +70,7 @@ impl Receivers {
         self.groups
             .par_windows(2)
             .map(|w| w[0] as usize..w[1] as usize)
+            .with_max_len(MOST_GROUPS)
     }
 
     /// Where rays of receiver `i` start: moved along its normal by four ulps of the largest coordinate
@@ -220,11 +224,9 @@ pub fn from_camera(
     let total = counts.iter().sum();
     let (mut all_positions, mut all_normals) = (unwritten(total), unwritten(total));
     let (mut all_index, mut groups) = (unwritten(total), vec![0]);
-    let (mut p, mut n, mut id) = (
-        &mut all_positions[..],
-        &mut all_normals[..],
-        &mut all_index[..],
-    );
+    let mut all_faces = unwritten(total);
+    let (mut p, mut n) = (&mut all_positions[..], &mut all_normals[..]);
+    let (mut id, mut f) = (&mut all_index[..], &mut all_faces[..]);
     let mut parts = Vec::with_capacity(counts.len());
     for (block, &count) in counts.iter().enumerate().filter(|(_, c)| **c > 0) {
         let here;
@@ -233,15 +235,17 @@ pub fn from_camera(
         n = rest;
         let (index, rest) = id.split_at_mut(count);
         id = rest;
-        parts.push((block as u32, here, normals, index));
+        let (faces, rest) = f.split_at_mut(count);
+        f = rest;
+        parts.push((block as u32, here, normals, (index, faces)));
         groups.push(groups.last().copied().unwrap_or(0) + count as u32);
     }
     control.advance(counts.len() - parts.len());
     parts.into_par_iter().try_for_each_init(
         Pixels::new,
-        |pixels, (block, positions, normals, index)| {
+        |pixels, (block, positions, normals, (index, faces))| {
             let (positions, normals) = (fill(positions, DVec3::ZERO), fill(normals, DVec3::ZERO));
-            let index = fill(index, 0);
+            let (index, faces) = (fill(index, 0), fill(faces, NONE));
             let (xs, ys) = pixels_of(block, camera);
             let mut i = 0;
             for y in ys {
@@ -250,6 +254,7 @@ pub fn from_camera(
                     match surface.hit[at] {
                         Hit::Nothing => continue,
                         Hit::Triangle(face) => {
+                            faces[i] = face;
                             pixels.set(i, x, y, surface.depth[at], geometry.corners(face));
                         }
                         // Below.
@@ -275,24 +280,15 @@ pub fn from_camera(
         },
     )?;
     // SAFETY: the blocks share them out among themselves, and each filled its part.
-    let (positions, normals, index) = unsafe {
-        (
-            written(all_positions),
-            written(all_normals),
-            written(all_index),
-        )
-    };
-    let face = |&pixel: &u32| match surface.hit[pixel as usize] {
-        Hit::Triangle(face) => face,
-        _ => NONE,
-    };
-    let receivers = Receivers {
-        faces: index.par_iter().map(face).collect(),
-        positions,
-        normals,
-        index,
-        groups,
-        camera: Some(*camera),
+    let receivers = unsafe {
+        Receivers {
+            positions: written(all_positions),
+            normals: written(all_normals),
+            index: written(all_index),
+            groups,
+            faces: written(all_faces),
+            camera: Some(*camera),
+        }
     };
     Ok((surface, receivers))
 }

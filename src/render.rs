@@ -1,5 +1,7 @@
 //! From visibility to radiance, the same for all methods.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -40,23 +42,31 @@ pub fn unshadow(
     }
 }
 
-/// Irradiance of every receiver from a light (local) of radiance 1: the method's own, or the unshadowed
-/// one times visibility over the part of the light above the tangent plane.
-pub fn irradiance(shading: Shading, receivers: &Receivers, light: &Light) -> Vec<f32> {
-    if let Some(own) = shading.irradiance {
-        return own;
+/// Irradiance of some receivers from a light (local) of radiance 1: the method's own, or the unshadowed
+/// one times visibility over the part of the light above the tangent plane, found in `out`.
+pub fn irradiance<'a>(
+    shading: &'a Shading,
+    receivers: &Receivers,
+    range: Range<usize>,
+    light: &Light,
+    out: &'a mut Vec<f32>,
+) -> &'a [f32] {
+    if let Some(own) = &shading.irradiance {
+        return &own[range];
     }
-    let mut out = vec![0.0; receivers.len()];
-    out.par_chunks_mut(CHUNK)
-        .zip(shading.visibility.par_chunks(CHUNK))
-        .zip(receivers.positions.par_chunks(CHUNK))
-        .zip(receivers.normals.par_chunks(CHUNK))
-        .for_each(|(((out, visibility), positions), normals)| {
-            light.unshadowed(positions, normals, |i, h, irradiance| {
-                if h > 0.0 && visibility[i] > 0.0 {
-                    out[i] = (irradiance * f64::from(visibility[i]) / h) as f32;
-                }
+    out.clear();
+    let (positions, normals) = (&receivers.positions, &receivers.normals);
+    let visibility = &shading.visibility[range.clone()];
+    light.unshadowed(
+        &positions[range.clone()],
+        &normals[range],
+        |i, h, irradiance| {
+            out.push(if h > 0.0 && visibility[i] > 0.0 {
+                (irradiance * f64::from(visibility[i]) / h) as f32
+            } else {
+                0.0
             });
-        });
+        },
+    );
     out
 }

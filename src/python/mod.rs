@@ -27,7 +27,7 @@ mod wedges;
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, Mutex, TryLockError, mpsc};
 use std::time::Duration;
 
 use pyo3::create_exception;
@@ -75,6 +75,20 @@ impl From<Error> for PyErr {
     }
 }
 
+/// Held by the kernel whose thread is rayon's own.
+static IN_POOL: Mutex<()> = Mutex::new(());
+
+/// Runs a kernel within rayon's pool, where its parallel steps start without being handed over. One at a time: a
+/// thread of the pool that waits for a step may take up another kernel as a whole, and that one wait for what the
+/// first has begun. Others run on a thread of their own.
+fn in_pool<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    let held = IN_POOL.try_lock();
+    match held {
+        Err(TryLockError::WouldBlock) => work(),
+        _ => rayon::scope(|_| work()),
+    }
+}
+
 /// Runs a kernel on another thread without the interpreter lock.
 ///
 /// Meanwhile this thread looks for signals and tells `progress` the finished fraction; an interrupt, or
@@ -92,7 +106,7 @@ fn run<T: Send + 'static>(
     std::thread::Builder::new()
         .name("softshadow".into())
         .spawn(move || {
-            let result = catch_unwind(AssertUnwindSafe(|| work(&shared)));
+            let result = catch_unwind(AssertUnwindSafe(|| in_pool(|| work(&shared))));
             // Nobody listens any more when the caller was interrupted.
             let _ = finished.send(result);
         })?;

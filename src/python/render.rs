@@ -17,8 +17,8 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::memory::{fill, filled, unwritten, written};
-use crate::methods::Prepared;
+use crate::memory::{fill, unwritten, written};
+use crate::methods::{Prepared, Shading};
 use crate::raster::tile_count;
 use crate::receivers::{BLOCK, Receivers, Surface, from_camera, most_groups};
 use crate::render::{irradiance, unshadow};
@@ -212,29 +212,16 @@ impl Ready {
         let (surface, receivers) = from_camera(geometry, &camera, control)?;
         let receivers_seconds = start.elapsed().as_secs_f64();
         control.advance(lights * (most - receivers.group_count()));
-        let pixels = camera.pixels();
-        let mut visibility = filled(1.0, pixels * self.lights.len());
-        let mut irradiances = Vec::with_capacity(self.lights.len());
+        let mut shadings = Vec::with_capacity(lights);
         let mut shade_seconds = 0.0;
         for (number, light) in self.lights.iter().enumerate() {
             let shade_start = Instant::now();
             let mut shading = self.method.shade(&receivers, number, control)?;
             shade_seconds += shade_start.elapsed().as_secs_f64();
             unshadow(&mut shading, geometry, &surface, &receivers, light);
-            let rows = Rows::new(&receivers, &camera);
-            visibility[number * pixels..(number + 1) * pixels]
-                .par_chunks_mut(rows.pixels)
-                .enumerate()
-                .for_each(|(row, out)| {
-                    for i in rows.receivers(row) {
-                        out[receivers.index[i] as usize - row * rows.pixels] =
-                            shading.visibility[i];
-                    }
-                });
-            irradiances.push(irradiance(shading, &receivers, light));
+            shadings.push(shading);
         }
-        let mut frame = self.pixel_arrays(&camera, &surface, &receivers, &irradiances);
-        frame.visibility = visibility;
+        let mut frame = self.pixel_arrays(&camera, &surface, &receivers, &shadings);
         frame.seconds = vec![
             ("frame", start.elapsed().as_secs_f64()),
             ("receivers", receivers_seconds),
@@ -244,13 +231,13 @@ impl Ready {
         Ok(frame)
     }
 
-    /// All arrays but visibility, row by row in parallel.
+    /// All arrays, rows of blocks in parallel.
     fn pixel_arrays(
         &self,
         camera: &Camera,
         surface: &Surface,
         receivers: &Receivers,
-        irradiances: &[Vec<f32>],
+        shadings: &[Shading],
     ) -> Frame {
         let geometry = &*self.geometry;
         let pixels = camera.pixels();
@@ -258,8 +245,17 @@ impl Ready {
         let (mut normal, mut depth) = (unwritten(3 * pixels), unwritten(pixels));
         let (mut mask, mut mesh_id) = (unwritten(pixels), unwritten(pixels));
         let mut triangle_id = unwritten(pixels);
+        let mut visibility = unwritten(pixels * shadings.len());
         let in_rows = Rows::new(receivers, camera);
         let rows = in_rows.pixels;
+        // A row's parts of all lights' images.
+        let mut seen: Vec<Vec<_>> = Vec::new();
+        seen.resize_with(pixels.div_ceil(rows), Vec::new);
+        for image in visibility.chunks_mut(pixels) {
+            for (row, part) in image.chunks_mut(rows).enumerate() {
+                seen[row].push(part);
+            }
+        }
         radiance
             .par_chunks_mut(3 * rows)
             .zip(position.par_chunks_mut(3 * rows))
@@ -268,8 +264,10 @@ impl Ready {
             .zip(mask.par_chunks_mut(rows))
             .zip(mesh_id.par_chunks_mut(rows))
             .zip(triangle_id.par_chunks_mut(rows))
+            .zip(seen)
             .enumerate()
-            .for_each(|(row, chunk)| {
+            .for_each_init(Vec::new, |irradiances, (row, chunk)| {
+                let (chunk, seen) = chunk;
                 let (chunk, triangle_id) = chunk;
                 let (chunk, mesh_id) = chunk;
                 let (chunk, mask) = chunk;
@@ -280,8 +278,9 @@ impl Ready {
                 let (normal, depth) = (fill(normal, 0.0), fill(depth, f32::INFINITY));
                 let (mask, mesh_id) = (fill(mask, false), fill(mesh_id, -1));
                 let triangle_id = fill(triangle_id, -1);
+                let range = in_rows.receivers(row);
                 let mut last = None;
-                for i in in_rows.receivers(row) {
+                for i in range.clone() {
                     let pixel = receivers.index[i] as usize;
                     let Some((entry, part)) = surface.hit[pixel].entry(geometry, &mut last) else {
                         continue;
@@ -294,9 +293,15 @@ impl Ready {
                     position[3 * x..3 * x + 3].copy_from_slice(&p.to_array());
                     let n: DVec3 = receivers.normals[i];
                     normal[3 * x..3 * x + 3].copy_from_slice(&n.as_vec3().to_array());
-                    let albedo = geometry.material(entry).albedo;
-                    for (light, irradiance) in self.lights.iter().zip(irradiances) {
-                        let e = irradiance[i] * std::f32::consts::FRAC_1_PI;
+                }
+                for ((light, shading), seen) in self.lights.iter().zip(shadings).zip(seen) {
+                    let seen = fill(seen, 1.0);
+                    let found = irradiance(shading, receivers, range.clone(), light, irradiances);
+                    for (i, irradiance) in range.clone().zip(found) {
+                        let x = receivers.index[i] as usize - row * rows;
+                        seen[x] = shading.visibility[i];
+                        let albedo = geometry.material(mesh_id[x] as u32).albedo;
+                        let e = irradiance * std::f32::consts::FRAC_1_PI;
                         for channel in 0..3 {
                             radiance[3 * x + channel] +=
                                 albedo[channel] * light.radiance[channel] * e;
@@ -307,7 +312,7 @@ impl Ready {
         // SAFETY: `fill` wrote all rows of all arrays.
         unsafe {
             Frame {
-                visibility: Vec::new(),
+                visibility: written(visibility),
                 radiance: written(radiance),
                 mask: written(mask),
                 position: written(position),
