@@ -65,12 +65,37 @@ impl Receivers {
         self.groups.len().saturating_sub(1)
     }
 
-    /// Ranges of receivers that are neighbours.
-    pub fn group_ranges(&self) -> impl IndexedParallelIterator<Item = std::ops::Range<usize>> {
-        self.groups
-            .par_windows(2)
-            .map(|w| w[0] as usize..w[1] as usize)
+    /// A value for each receiver: `find` gets what a thread keeps between groups, the receivers of a group, and
+    /// their places, which hold `value`. A step of `control` for each group.
+    ///
+    /// # Errors
+    /// Those of `find`, or [`Error::Cancelled`].
+    pub fn by_groups<S, T: Copy + Send + Sync>(
+        &self,
+        control: &Control,
+        value: T,
+        keep: impl Fn() -> S + Sync + Send,
+        find: impl Fn(&mut S, Range<usize>, &mut [T]) -> Result<()> + Sync + Send,
+    ) -> Result<Vec<T>> {
+        let mut all = unwritten(self.len());
+        let mut rest = &mut all[..];
+        let mut groups = Vec::with_capacity(self.group_count());
+        for ends in self.groups.windows(2) {
+            let range = ends[0] as usize..ends[1] as usize;
+            let (here, after) = rest.split_at_mut(range.len());
+            rest = after;
+            groups.push((range, here));
+        }
+        assert!(rest.is_empty(), "every receiver is in a group");
+        groups
+            .into_par_iter()
             .with_max_len(MOST_GROUPS)
+            .try_for_each_init(keep, |kept, (range, here)| {
+                control.step()?;
+                find(kept, range, fill(here, value))
+            })?;
+        // SAFETY: the groups share all out among themselves, and each was filled.
+        Ok(unsafe { written(all) })
     }
 
     /// Where rays of receiver `i` start: moved along its normal by four ulps of the largest coordinate

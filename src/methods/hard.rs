@@ -7,7 +7,6 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::{Method, Prepared, Shading};
 use crate::bvh::packet::Packet;
@@ -59,33 +58,26 @@ impl Prepared for PreparedHard {
         let light = &self.lights[light];
         let occluders = self.geometry.occluders();
         let target = target(light);
-        let parts: Vec<Vec<f32>> = receivers
-            .group_ranges()
-            .map_init(
-                Default::default,
-                |(packet, stack): &mut (Packet, Vec<u32>), range| {
-                    control.step()?;
-                    let mut out = Vec::with_capacity(range.len());
-                    let ids: Vec<usize> = range.collect();
-                    for lanes in ids.chunks(LANES) {
-                        for (lane, &i) in lanes.iter().enumerate() {
-                            packet.set(lane, receivers.ray_origin(i), target);
-                        }
-                        let active = u16::MAX >> (LANES - lanes.len());
-                        let mut through = [0.0; LANES];
-                        occluders.transmittance(packet, active, stack, &mut through);
-                        for (&i, t) in lanes.iter().zip(through) {
-                            let h =
-                                light.fraction_above(receivers.positions[i], receivers.normals[i]);
-                            out.push(t.min(h as f32));
-                        }
+        let keep = <(Packet, Vec<u32>)>::default;
+        let visibility =
+            receivers.by_groups(control, 0.0, keep, |(packet, stack), range, out| {
+                for (k, out) in out.chunks_mut(LANES).enumerate() {
+                    let first = range.start + k * LANES;
+                    for lane in 0..out.len() {
+                        packet.set(lane, receivers.ray_origin(first + lane), target);
                     }
-                    Ok(out)
-                },
-            )
-            .collect::<Result<_>>()?;
+                    let active = u16::MAX >> (LANES - out.len());
+                    let mut through = [0.0; LANES];
+                    occluders.transmittance(packet, active, stack, &mut through);
+                    for (i, (out, t)) in (first..).zip(out.iter_mut().zip(through)) {
+                        let h = light.fraction_above(receivers.positions[i], receivers.normals[i]);
+                        *out = t.min(h as f32);
+                    }
+                }
+                Ok(())
+            })?;
         Ok(Shading {
-            visibility: parts.concat(),
+            visibility,
             irradiance: None,
         })
     }

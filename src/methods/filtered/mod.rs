@@ -14,7 +14,6 @@ pub mod region;
 use std::time::Instant;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::layered::construction::{Layers, layer_map};
 use super::layered::map::LayerMap;
@@ -248,17 +247,17 @@ impl LightMaps {
                 h as f32
             }
         };
-        let parts: Vec<Vec<f32>> = receivers
-            .group_ranges()
-            .map_init(Scratch::default, |scratch, range| {
-                control.step()?;
-                // With the most samples a receiver takes a tenth of a second.
-                let checked = |i| control.check().map(|()| one(i, scratch));
-                range.map(checked).collect()
-            })
-            .collect::<Result<_>>()?;
+        let visibility =
+            receivers.by_groups(control, 0.0, Scratch::default, |scratch, range, out| {
+                for (i, out) in range.zip(out) {
+                    // With the most samples a receiver takes a tenth of a second.
+                    control.check()?;
+                    *out = one(i, scratch);
+                }
+                Ok(())
+            })?;
         Ok(Shading {
-            visibility: parts.concat(),
+            visibility,
             irradiance: None,
         })
     }

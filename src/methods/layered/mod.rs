@@ -30,7 +30,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::views::most_central;
 use super::wedges::contour::Casters;
@@ -561,19 +560,16 @@ fn tangent_plane(map: &LayerMap, p: DVec3, n: DVec3) -> [f32; 3] {
 impl Prepared for PreparedLayered {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let maps = &self.lights[light];
-        let parts: Vec<Vec<f32>> = receivers
-            .group_ranges()
-            .map_init(Scratch::default, |scratch, range| {
-                control.step()?;
-                let one = |i: usize| {
+        let visibility =
+            receivers.by_groups(control, 0.0, Scratch::default, |scratch, range, out| {
+                for (i, out) in range.zip(out) {
                     let (p, n) = (receivers.positions[i], receivers.normals[i]);
-                    maps.visibility(p, n, &self.tracing, scratch)
-                };
-                Ok(range.map(one).collect())
-            })
-            .collect::<Result<_>>()?;
+                    *out = maps.visibility(p, n, &self.tracing, scratch);
+                }
+                Ok(())
+            })?;
         Ok(Shading {
-            visibility: parts.concat(),
+            visibility,
             irradiance: None,
         })
     }

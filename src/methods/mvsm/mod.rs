@@ -18,7 +18,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
 use super::filtered::region::{Region, Source};
 use super::layered::compress::Compression;
@@ -375,19 +374,19 @@ impl Prepared for PreparedMvsm {
                 .fill(receivers.index[i], p, n, &mut memory.samples);
             self.visibility(views, &tracers, p, memory)
         };
-        let parts: Vec<Vec<f32>> = receivers
-            .group_ranges()
-            .map_init(Memory::default, |memory, range| {
-                control.step()?;
+        let visibility =
+            receivers.by_groups(control, 0.0, Memory::default, |memory, range, out| {
                 memory.blockers.clear();
                 memory.blockers.resize(views.sampler.len(), None);
-                // With the most samples a receiver takes a tenth of a second.
-                let checked = |i| control.check().map(|()| one(i, memory));
-                range.map(checked).collect()
-            })
-            .collect::<Result<_>>()?;
+                for (i, out) in range.zip(out) {
+                    // With the most samples a receiver takes a tenth of a second.
+                    control.check()?;
+                    *out = one(i, memory);
+                }
+                Ok(())
+            })?;
         Ok(Shading {
-            visibility: parts.concat(),
+            visibility,
             irradiance: None,
         })
     }

@@ -27,7 +27,6 @@ mod project;
 use std::sync::Arc;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::{Method, Prepared, Shading};
 use crate::bvh::Occluders;
@@ -138,17 +137,23 @@ struct PreparedRayTraced {
 
 impl Prepared for PreparedRayTraced {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
-        let parts: Vec<Vec<[f32; 2]>> = receivers
-            .group_ranges()
-            .map_init(Scratch::default, |scratch, range| {
-                control.step()?;
-                Ok(self.shade_group(receivers, range, &self.lights[light], scratch))
-            })
-            .collect::<Result<_>>()?;
-        let all = || parts.iter().flatten();
+        let light = &self.lights[light];
+        let both = receivers.by_groups(
+            control,
+            [0.0; 2],
+            Scratch::default,
+            |scratch, range, out| {
+                let first = range.start;
+                let mut ids: Vec<usize> = range.collect();
+                self.shade_neighbours(receivers, &mut ids, light, scratch, &mut |i, value| {
+                    out[i - first] = value;
+                });
+                Ok(())
+            },
+        )?;
         Ok(Shading {
-            visibility: all().map(|v| v[0]).collect(),
-            irradiance: Some(all().map(|v| v[1]).collect()),
+            visibility: both.iter().map(|v| v[0]).collect(),
+            irradiance: Some(both.iter().map(|v| v[1]).collect()),
         })
     }
 
@@ -239,22 +244,6 @@ impl Tracer {
 
 impl PreparedRayTraced {
     /// Visibility and irradiance of every receiver of a group.
-    fn shade_group(
-        &self,
-        receivers: &Receivers,
-        range: std::ops::Range<usize>,
-        light: &PreparedLight,
-        s: &mut Scratch,
-    ) -> Vec<[f32; 2]> {
-        let mut out = vec![[0.0f32; 2]; range.len()];
-        let first = range.start;
-        let mut ids: Vec<usize> = range.collect();
-        self.shade_neighbours(receivers, &mut ids, light, s, &mut |i, value| {
-            out[i - first] = value
-        });
-        out
-    }
-
     /// Shades receivers that share their candidate edges; halves them where there are too many.
     fn shade_neighbours(
         &self,

@@ -210,36 +210,30 @@ impl PreparedSingleSample {
         let occluders = self.geometry.occluders();
         let target = hard::target(light);
         let outline = (!is_point(light)).then(|| Outline::new(light, target));
-        let parts: Vec<Vec<T>> = receivers
-            .group_ranges()
-            .map_init(Scratch::default, |scratch, range| {
-                control.step()?;
-                let first = range.start;
-                let mut out = vec![dark; range.len()];
-                let fraction = |i| {
-                    let h = light.fraction_above(receivers.positions[i], receivers.normals[i]);
-                    (i, h)
-                };
-                let mut lit = std::mem::take(&mut scratch.lit);
-                lit.clear();
-                lit.extend(range.map(fraction).filter(|l| l.1 > 0.0));
-                for lanes in lit.chunks(LANES) {
-                    let blocked = match &outline {
-                        None => hard_shadows(occluders, receivers, lanes, target, scratch),
-                        Some(outline) => {
-                            self.soft_shadows(occluders, receivers, lanes, outline, scratch)
-                        }
-                    };
-                    for (lane, &(i, h)) in lanes.iter().enumerate() {
-                        let near = scratch.found.near(lane);
-                        out[i - first] = each(h, (blocked >> lane & 1 == 0).then_some(near));
+        receivers.by_groups(control, dark, Scratch::default, |scratch, range, out| {
+            let first = range.start;
+            let fraction = |i| {
+                let h = light.fraction_above(receivers.positions[i], receivers.normals[i]);
+                (i, h)
+            };
+            let mut lit = std::mem::take(&mut scratch.lit);
+            lit.clear();
+            lit.extend(range.map(fraction).filter(|l| l.1 > 0.0));
+            for lanes in lit.chunks(LANES) {
+                let blocked = match &outline {
+                    None => hard_shadows(occluders, receivers, lanes, target, scratch),
+                    Some(outline) => {
+                        self.soft_shadows(occluders, receivers, lanes, outline, scratch)
                     }
+                };
+                for (lane, &(i, h)) in lanes.iter().enumerate() {
+                    let near = scratch.found.near(lane);
+                    out[i - first] = each(h, (blocked >> lane & 1 == 0).then_some(near));
                 }
-                scratch.lit = lit;
-                Ok(out)
-            })
-            .collect::<Result<_>>()?;
-        Ok(parts.concat())
+            }
+            scratch.lit = lit;
+            Ok(())
+        })
     }
 
     /// Which of these receivers' rays are blocked, and how far the others pass from what they pass.

@@ -268,25 +268,21 @@ impl Prepared for PreparedSsoc {
                 Lookup::new(self.casters.geometry(), rules, hard),
             )
         };
-        let parts: Vec<Vec<f32>> = receivers
-            .group_ranges()
-            .map_init(own, |(group, lookup), range| {
-                control.step()?;
-                let mut seen = Vec::with_capacity(range.len());
+        let visibility =
+            receivers.by_groups(control, 0.0, own, |(group, lookup), range, out| {
                 let (p, n) = (&receivers.positions, &receivers.normals);
                 let (p, n) = (&p[range.clone()], &n[range.clone()]);
                 let free = free(group, p, n);
                 light.fractions_above(p, n, |i, h| {
-                    seen.push(match free >> i & 1 {
+                    out[i] = match free >> i & 1 {
                         1 => h as f32,
                         _ => one(lookup, range.start + i, h),
-                    });
+                    };
                 });
-                Ok(seen)
-            })
-            .collect::<Result<_>>()?;
+                Ok(())
+            })?;
         Ok(Shading {
-            visibility: parts.concat(),
+            visibility,
             irradiance: None,
         })
     }
