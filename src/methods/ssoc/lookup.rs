@@ -167,6 +167,20 @@ impl Plane {
     }
 }
 
+/// A texel, and the direction through its centre, of depth 1, in the view's coordinates.
+#[derive(Clone, Copy)]
+struct Straight {
+    texel: usize,
+    direction: DVec3,
+}
+
+impl Straight {
+    fn at(maps: &Maps, texel: usize) -> Self {
+        let direction = maps.view.tangents(maps.view.center(texel)).extend(1.0);
+        Straight { texel, direction }
+    }
+}
+
 /// Planes that a lookup keeps: those that the four texels around a receiver and its neighbours show.
 const PLANES: usize = 16;
 
@@ -239,24 +253,31 @@ impl<'a> Lookup<'a> {
         }
         let texel = view.texel(receiver.at)?;
         if self.hard {
-            return Some(if self.hidden(maps, texel, &receiver) {
+            let seen = Straight::at(maps, texel);
+            return Some(if self.hidden(maps, &seen, &receiver) {
                 0.0
             } else {
                 1.0
             });
         }
         if !self.rules.interpolate {
-            return Some(self.evaluate(maps, &receiver, self.start(maps, texel, &receiver)));
+            return Some(self.evaluate(
+                maps,
+                &receiver,
+                self.start(maps, &Straight::at(maps, texel), &receiver),
+            ));
         }
         let (places, part) = around(view, receiver.at);
-        let texels = places.map(|at| at.y as usize * view.camera.width as usize + at.x as usize);
+        let seen = places.map(|at| Straight {
+            texel: at.y as usize * view.camera.width as usize + at.x as usize,
+            direction: view.tangents(at + 0.5).extend(1.0),
+        });
         // Most receivers: all four texels saw what hides nothing of theirs, far from any edge.
-        let free = |i: usize| {
-            let d = view.tangents(places[i] + 0.5).extend(1.0);
-            !receiver.is_below(d, maps.inverse_depth[texels[i]], receiver.slack)
-                && maps.outside[texels[i]] == NONE
+        let free = |s: &Straight| {
+            !receiver.is_below(s.direction, maps.inverse_depth[s.texel], receiver.slack)
+                && maps.outside[s.texel] == NONE
         };
-        if n != DVec3::ZERO && (0..4).all(free) {
+        if n != DVec3::ZERO && seen.iter().all(free) {
             return Some(1.0);
         }
         let weights = [
@@ -265,7 +286,7 @@ impl<'a> Lookup<'a> {
             (1.0 - part.x) * part.y,
             part.x * part.y,
         ];
-        let starts = texels.map(|t| self.start(maps, t, &receiver));
+        let starts = seen.map(|s| self.start(maps, &s, &receiver));
         let mut sum = 0.0;
         let mut found: [Option<f64>; 4] = [None; 4];
         for i in 0..4 {
@@ -281,9 +302,9 @@ impl<'a> Lookup<'a> {
     }
 
     /// Whether a receiver is in the hard shadow at a texel, and the edge that this side of the maps has there.
-    fn start(&self, maps: &Maps, texel: usize, receiver: &Receiver) -> (bool, u32) {
-        let hidden = self.hidden(maps, texel, receiver);
-        (hidden, Self::edge(maps, texel, hidden, receiver))
+    fn start(&self, maps: &Maps, seen: &Straight, receiver: &Receiver) -> (bool, u32) {
+        let hidden = self.hidden(maps, seen, receiver);
+        (hidden, Self::edge(maps, seen.texel, hidden, receiver))
     }
 
     /// The edge that the maps have at a texel for a receiver that is hidden there or not.
@@ -302,24 +323,28 @@ impl<'a> Lookup<'a> {
     }
 
     /// Whether the point that a texel saw is in front of the receiver's tangent plane by more than the slack.
-    fn in_front(maps: &Maps, texel: usize, receiver: &Receiver, slack: f64) -> bool {
+    #[inline(always)]
+    fn in_front(maps: &Maps, seen: &Straight, receiver: &Receiver, slack: f64) -> bool {
         receiver.normal == DVec3::ZERO
-            || receiver.is_below(direction(maps, texel), maps.inverse_depth[texel], slack)
+            || receiver.is_below(seen.direction, maps.inverse_depth[seen.texel], slack)
     }
 
     /// Whether the surface at a receiver's own texel, or a neighbour's, hides it from the light's centre.
-    fn hidden(&self, maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
-        let triangle = maps.triangle[texel];
+    fn hidden(&self, maps: &Maps, seen: &Straight, receiver: &Receiver) -> bool {
+        let triangle = maps.triangle[seen.texel];
         // Cheap, and enough for most of what is lit.
-        if triangle == NONE || !Self::in_front(maps, texel, receiver, receiver.slack) {
+        if triangle == NONE || !Self::in_front(maps, seen, receiver, receiver.slack) {
             return false;
         }
         let Some(plane) = self.plane(maps, triangle) else {
             return false;
         };
-        let slack = receiver.slack + self.roughness(maps, texel, receiver, &plane);
+        if !plane.hides(receiver, receiver.slack) {
+            return false;
+        }
+        let slack = receiver.slack + self.roughness(maps, seen, receiver, &plane);
         plane.hides(receiver, slack)
-            && Self::in_front(maps, texel, receiver, slack)
+            && Self::in_front(maps, seen, receiver, slack)
             && plane.starts_before(&maps.view.camera, receiver)
     }
 
@@ -334,13 +359,21 @@ impl<'a> Lookup<'a> {
     /// How far a surface of triangles that are smaller than a texel can stand out over the tangent plane
     /// within it: the part of half a diagonal that a triangle of its size does not cover, on the receiver's
     /// surface, times the sine between the normals.
-    fn roughness(&self, maps: &Maps, texel: usize, receiver: &Receiver, plane: &Plane) -> f64 {
+    #[inline(always)]
+    fn roughness(&self, maps: &Maps, seen: &Straight, receiver: &Receiver, plane: &Plane) -> f64 {
         let view = &maps.view;
-        let depth = 1.0 / maps.inverse_depth[texel];
-        let d = direction(maps, texel);
+        let d = seen.direction;
+        // Most are larger than a texel, seen from the light: no root is needed.
+        let inverse_depth = maps.inverse_depth[seen.texel];
+        let texels = (view.focal * inverse_depth).powi(2);
+        let covered = plane.double_area * plane.towards * inverse_depth * texels;
+        if covered * covered > 1.001 * d.length_squared() {
+            return 0.0;
+        }
+        let depth = 1.0 / inverse_depth;
         // Area in texels: the triangle's, as seen along the ray, over the squared depth.
-        let seen = 0.5 * plane.double_area * plane.towards / (depth * d.length());
-        let size = seen.sqrt() * view.focal / depth;
+        let area = 0.5 * plane.double_area * plane.towards / (depth * d.length());
+        let size = area.sqrt() * view.focal / depth;
         let uncovered = (std::f64::consts::FRAC_1_SQRT_2 - size).max(0.0) * depth / view.focal;
         if uncovered == 0.0 || receiver.normal == DVec3::ZERO {
             return 0.0;
@@ -576,10 +609,4 @@ impl Penumbra {
             && self.normal.dot(other.normal) < -0.5
             && (self.point - other.point).dot(self.normal).abs() < 1.5 * self.thickness + CLOSE
     }
-}
-
-/// Direction through a texel's centre, of depth 1, in the view's coordinates.
-#[inline(always)]
-fn direction(maps: &Maps, texel: usize) -> DVec3 {
-    maps.view.tangents(maps.view.center(texel)).extend(1.0)
 }
