@@ -14,7 +14,7 @@
 //! the cone of rays to the light, `f r (1 / z - 1 / p_z) >= |distortion|`. With a reference image (`distorted`), what the
 //! distorted ray saw takes its place. Edges that find each other in turn leave a penumbra.
 
-use std::cell::Cell;
+use std::cell::RefCell;
 
 use glam::{DVec2, DVec3, Vec3};
 
@@ -167,46 +167,24 @@ impl Plane {
     }
 }
 
-/// A texel, and the direction through its centre, of depth 1, in the view's coordinates.
-#[derive(Clone, Copy)]
-struct Straight {
-    texel: usize,
-    direction: DVec3,
-}
-
-impl Straight {
-    fn at(maps: &Maps, texel: usize) -> Self {
-        let direction = maps.view.tangents(maps.view.center(texel)).extend(1.0);
-        Straight { texel, direction }
-    }
-}
-
 /// Planes that a lookup keeps: those that the four texels around a receiver and its neighbours show.
 const PLANES: usize = 16;
 
 /// The planes found last for a light, by their triangles' numbers; `None` for a triangle without area.
 struct Planes {
-    last: [Cell<(u32, Option<Plane>)>; PLANES],
+    last: [(u32, Option<Plane>); PLANES],
 }
 
 impl Planes {
-    fn new() -> Self {
-        Planes {
-            last: std::array::from_fn(|_| Cell::new((NONE, None))),
-        }
-    }
-
     /// The plane of a triangle.
     #[inline(always)]
-    fn get(&self, triangle: u32, find: impl FnOnce() -> Option<Plane>) -> Option<Plane> {
-        let last = &self.last[triangle as usize % PLANES];
-        let (known, plane) = last.get();
-        if known == triangle {
-            return plane;
+    fn get(&mut self, geometry: &Geometry, maps: &Maps, triangle: u32) -> Option<&Plane> {
+        let last = &mut self.last[triangle as usize % PLANES];
+        if last.0 != triangle {
+            let plane = Plane::new(geometry.corners(triangle), maps.view.camera.eye);
+            *last = (triangle, plane);
         }
-        let plane = find();
-        last.set((triangle, plane));
-        plane
+        last.1.as_ref()
     }
 }
 
@@ -229,7 +207,7 @@ pub struct Lookup<'a> {
     pub(super) rules: Rules,
     /// Whether the light is a point.
     hard: bool,
-    planes: Planes,
+    planes: RefCell<Planes>,
 }
 
 impl<'a> Lookup<'a> {
@@ -239,7 +217,9 @@ impl<'a> Lookup<'a> {
             geometry,
             rules,
             hard,
-            planes: Planes::new(),
+            planes: RefCell::new(Planes {
+                last: [(NONE, None); PLANES],
+            }),
         }
     }
 
@@ -251,60 +231,53 @@ impl<'a> Lookup<'a> {
         if depth.is_nan() || depth <= 0.0 {
             return None;
         }
-        let texel = view.texel(receiver.at)?;
-        if self.hard {
-            let seen = Straight::at(maps, texel);
-            return Some(if self.hidden(maps, &seen, &receiver) {
-                0.0
-            } else {
-                1.0
-            });
+        if !view.contains(receiver.at) {
+            return None;
         }
-        if !self.rules.interpolate {
-            return Some(self.evaluate(
-                maps,
-                &receiver,
-                self.start(maps, &Straight::at(maps, texel), &receiver),
-            ));
-        }
-        let (places, part) = around(view, receiver.at);
-        let seen = places.map(|at| Straight {
-            texel: at.y as usize * view.camera.width as usize + at.x as usize,
-            direction: view.tangents(at + 0.5).extend(1.0),
-        });
-        // Most receivers: all four texels saw what hides nothing of theirs, far from any edge.
-        let free = |s: &Straight| {
-            !receiver.is_below(s.direction, maps.inverse_depth[s.texel], receiver.slack)
-                && maps.outside[s.texel] == NONE
-        };
-        if n != DVec3::ZERO && seen.iter().all(free) {
-            return Some(1.0);
-        }
-        let weights = [
+        let (mut places, part) = around(view, receiver.at);
+        let mut weights = [
             (1.0 - part.x) * (1.0 - part.y),
             part.x * (1.0 - part.y),
             (1.0 - part.x) * part.y,
             part.x * part.y,
         ];
-        let starts = seen.map(|s| self.start(maps, &s, &receiver));
+        let mut count = 4;
+        if self.hard || !self.rules.interpolate {
+            (places[0], weights[0], count) = (receiver.at.floor(), 1.0, 1);
+        }
+        let (places, weights) = (&places[..count], &weights[..count]);
+        let texel = |at: DVec2| at.y as usize * view.camera.width as usize + at.x as usize;
+        let direction = |at: DVec2| view.tangents(at + 0.5).extend(1.0);
+        // Most receivers: all of the texels saw what hides nothing of theirs, far from any edge.
+        let free = |&at: &DVec2| {
+            let t = texel(at);
+            !receiver.is_below(direction(at), maps.inverse_depth[t], receiver.slack)
+                && (self.hard || maps.outside[t] == NONE)
+        };
+        if n != DVec3::ZERO && places.iter().all(free) {
+            return Some(1.0);
+        }
         let mut sum = 0.0;
-        let mut found: [Option<f64>; 4] = [None; 4];
-        for i in 0..4 {
+        let mut known = [((false, NONE), 0.0); 4];
+        for i in 0..count {
+            let t = texel(places[i]);
+            let hidden = self.hidden(maps, t, direction(places[i]), &receiver);
+            let edge = if self.hard {
+                NONE
+            } else {
+                Self::edge(maps, t, hidden, &receiver)
+            };
+            let start = (hidden, edge);
             // Neighbours mostly start from the same edge.
-            let known = (0..i)
-                .find(|&j| starts[j] == starts[i])
-                .and_then(|j| found[j]);
-            let value = known.unwrap_or_else(|| self.evaluate(maps, &receiver, starts[i]));
-            found[i] = Some(value);
+            let same = known[..i].iter().find(|k| k.0 == start);
+            let value = match same {
+                Some(&(_, value)) => value,
+                None => self.evaluate(maps, &receiver, start),
+            };
+            known[i] = (start, value);
             sum += weights[i] * value;
         }
         Some(sum)
-    }
-
-    /// Whether a receiver is in the hard shadow at a texel, and the edge that this side of the maps has there.
-    fn start(&self, maps: &Maps, seen: &Straight, receiver: &Receiver) -> (bool, u32) {
-        let hidden = self.hidden(maps, seen, receiver);
-        (hidden, Self::edge(maps, seen.texel, hidden, receiver))
     }
 
     /// The edge that the maps have at a texel for a receiver that is hidden there or not.
@@ -324,47 +297,44 @@ impl<'a> Lookup<'a> {
 
     /// Whether the point that a texel saw is in front of the receiver's tangent plane by more than the slack.
     #[inline(always)]
-    fn in_front(maps: &Maps, seen: &Straight, receiver: &Receiver, slack: f64) -> bool {
-        receiver.normal == DVec3::ZERO
-            || receiver.is_below(seen.direction, maps.inverse_depth[seen.texel], slack)
+    fn in_front(d: DVec3, inverse_depth: f64, receiver: &Receiver, slack: f64) -> bool {
+        receiver.normal == DVec3::ZERO || receiver.is_below(d, inverse_depth, slack)
     }
 
-    /// Whether the surface at a receiver's own texel, or a neighbour's, hides it from the light's centre.
-    fn hidden(&self, maps: &Maps, seen: &Straight, receiver: &Receiver) -> bool {
-        let triangle = maps.triangle[seen.texel];
+    /// Whether the surface at a receiver's own texel, or a neighbour's, hides it from the light's centre; `d` is the
+    /// direction of depth 1 through the texel's centre.
+    #[inline(always)]
+    fn hidden(&self, maps: &Maps, texel: usize, d: DVec3, receiver: &Receiver) -> bool {
+        let (triangle, inverse_depth) = (maps.triangle[texel], maps.inverse_depth[texel]);
         // Cheap, and enough for most of what is lit.
-        if triangle == NONE || !Self::in_front(maps, seen, receiver, receiver.slack) {
+        if triangle == NONE || !Self::in_front(d, inverse_depth, receiver, receiver.slack) {
             return false;
         }
-        let Some(plane) = self.plane(maps, triangle) else {
+        let mut planes = self.planes.borrow_mut();
+        let Some(plane) = planes.get(self.geometry, maps, triangle) else {
             return false;
         };
         if !plane.hides(receiver, receiver.slack) {
             return false;
         }
-        let slack = receiver.slack + self.roughness(maps, seen, receiver, &plane);
+        let slack = receiver.slack + Self::roughness(&maps.view, d, inverse_depth, receiver, plane);
         plane.hides(receiver, slack)
-            && Self::in_front(maps, seen, receiver, slack)
+            && Self::in_front(d, inverse_depth, receiver, slack)
             && plane.starts_before(&maps.view.camera, receiver)
-    }
-
-    /// The plane of a triangle, if it has one.
-    #[inline(always)]
-    fn plane(&self, maps: &Maps, triangle: u32) -> Option<Plane> {
-        self.planes.get(triangle, || {
-            Plane::new(self.geometry.corners(triangle), maps.view.camera.eye)
-        })
     }
 
     /// How far a surface of triangles that are smaller than a texel can stand out over the tangent plane
     /// within it: the part of half a diagonal that a triangle of its size does not cover, on the receiver's
     /// surface, times the sine between the normals.
     #[inline(always)]
-    fn roughness(&self, maps: &Maps, seen: &Straight, receiver: &Receiver, plane: &Plane) -> f64 {
-        let view = &maps.view;
-        let d = seen.direction;
+    fn roughness(
+        view: &View,
+        d: DVec3,
+        inverse_depth: f64,
+        receiver: &Receiver,
+        plane: &Plane,
+    ) -> f64 {
         // Most are larger than a texel, seen from the light: no root is needed.
-        let inverse_depth = maps.inverse_depth[seen.texel];
         let texels = (view.focal * inverse_depth).powi(2);
         let covered = plane.double_area * plane.towards * inverse_depth * texels;
         if covered * covered > 1.001 * d.length_squared() {
@@ -461,7 +431,9 @@ impl<'a> Lookup<'a> {
             && (receiver.normal == DVec3::ZERO
                 || receiver.is_below(seen.at.extend(1.0), seen.inverse_depth, receiver.slack))
             && self
-                .plane(maps, seen.triangle)
+                .planes
+                .borrow_mut()
+                .get(self.geometry, maps, seen.triangle)
                 .is_some_and(|plane| plane.hides(receiver, receiver.slack))
     }
 
