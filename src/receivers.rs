@@ -278,15 +278,23 @@ pub fn from_camera(
                     let at = place(x, y, camera);
                     match surface.hit[at] {
                         Hit::Nothing => continue,
-                        Hit::Triangle(face) => {
-                            faces[i] = face;
-                            pixels.set(i, x, y, surface.depth[at], geometry.corners(face));
-                        }
+                        Hit::Triangle(face) => faces[i] = face,
                         // Below.
                         Hit::Sphere(_) => {}
                     }
+                    pixels.set(i, x, y, surface.depth[at]);
                     index[i] = at as u32;
                     i += 1;
+                }
+            }
+            match faces {
+                // Most blocks, of a mesh of few triangles.
+                [first, rest @ ..] if *first != NONE && rest.iter().all(|f| f == first) => {
+                    pixels.set_all_corners(geometry.corners(*first));
+                }
+                _ => {
+                    let seen = faces.iter().enumerate().filter(|(_, f)| **f != NONE);
+                    seen.for_each(|(i, &f)| pixels.set_corners(i, geometry.corners(f)));
                 }
             }
             pixels.find(camera);

@@ -33,14 +33,28 @@ impl Pixels {
         }
     }
 
-    /// Sets pixel `i`: its column and row in the image, the triangle that it shows, and how deep.
+    /// Sets pixel `i`: its column and row in the image, and how deep what it shows is.
     #[inline(always)]
-    pub(crate) fn set(&mut self, i: usize, x: u32, y: u32, depth: f64, corners: [Vec3; 3]) {
+    pub(crate) fn set(&mut self, i: usize, x: u32, y: u32, depth: f64) {
         (self.x[i], self.y[i]) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
         self.depth[i] = depth;
+    }
+
+    /// Sets the triangle that pixel `i` shows.
+    #[inline(always)]
+    pub(crate) fn set_corners(&mut self, i: usize, corners: [Vec3; 3]) {
         for (columns, corner) in self.corners.iter_mut().zip(corners) {
             for (column, value) in columns.iter_mut().zip(corner.to_array()) {
                 column[i] = value;
+            }
+        }
+    }
+
+    /// Sets the triangle that all pixels show.
+    pub(crate) fn set_all_corners(&mut self, corners: [Vec3; 3]) {
+        for (columns, corner) in self.corners.iter_mut().zip(corners) {
+            for (column, value) in columns.iter_mut().zip(corner.to_array()) {
+                column.fill(value);
             }
         }
     }
