@@ -87,22 +87,22 @@ pub(crate) enum Outline {
     Sphere(DVec3, f64),
 }
 
-/// What a light sends to each of up to [`MOST`] receivers.
+/// Up to [`MOST`] receivers and their normals, a column for every coordinate, so that loops over receivers become
+/// loops over registers; and what a light sends to them.
 pub(crate) struct Many {
-    outline: Outline,
-    /// Receivers and their normals, a column for every coordinate.
+    count: usize,
     positions: [[f64; MOST]; 3],
     normals: [[f64; MOST]; 3],
     /// Height of the light's lowest point above each receiver's tangent plane.
-    pub(crate) height: [f64; MOST],
+    height: [f64; MOST],
     /// Irradiance with radiance 1; means nothing where a point is under the tangent plane.
-    pub(crate) irradiance: [f64; MOST],
+    irradiance: [f64; MOST],
 }
 
 impl Many {
-    pub(crate) fn new(outline: Outline) -> Self {
+    pub(crate) fn new() -> Self {
         Many {
-            outline,
+            count: 0,
             positions: [[0.0; MOST]; 3],
             normals: [[0.0; MOST]; 3],
             height: [0.0; MOST],
@@ -110,15 +110,32 @@ impl Many {
         }
     }
 
-    /// Finds heights, and irradiances if wanted; those of receivers that are not given mean nothing.
-    pub(crate) fn find(&mut self, positions: &[DVec3], normals: &[DVec3], irradiance: bool) {
+    /// Sets the receivers; columns beyond them keep what they had.
+    pub(crate) fn set(&mut self, positions: &[DVec3], normals: &[DVec3]) {
+        self.count = positions.len();
         for (i, (p, n)) in positions.iter().zip(normals).enumerate() {
             for k in 0..3 {
                 (self.positions[k][i], self.normals[k][i]) = (p[k], n[k]);
             }
         }
+    }
+
+    /// Number of receivers.
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Receiver and normal in column `i`.
+    #[inline(always)]
+    pub(crate) fn at(&self, i: usize) -> (DVec3, DVec3) {
+        let at = |of: &[[f64; MOST]; 3]| DVec3::new(of[0][i], of[1][i], of[2][i]);
+        (at(&self.positions), at(&self.normals))
+    }
+
+    /// Finds heights, and irradiances if wanted.
+    fn find(&mut self, outline: Outline, irradiance: bool) {
         let many = self;
-        match (many.outline, irradiance) {
+        match (outline, irradiance) {
             (Outline::Rect(center, u, v), false) => dispatch!(detect() => rect_height(
                 many: &mut Many, center: DVec3, u: DVec3, v: DVec3)),
             (Outline::Rect(center, u, v), true) => dispatch!(detect() => rect_irradiance(
@@ -126,13 +143,6 @@ impl Many {
             (Outline::Sphere(center, radius), _) => dispatch!(detect() => sphere(
                 many: &mut Many, center: DVec3, radius: f64)),
         }
-    }
-
-    /// Receiver and normal in column `i`.
-    #[inline(always)]
-    fn at(&self, i: usize) -> (DVec3, DVec3) {
-        let at = |of: &[[f64; MOST]; 3]| DVec3::new(of[0][i], of[1][i], of[2][i]);
-        (at(&self.positions), at(&self.normals))
     }
 }
 
@@ -207,63 +217,50 @@ impl Light {
         normals: &[DVec3],
         mut each: impl FnMut(usize, f64, f64),
     ) {
-        self.many(positions, normals, true, |i, whole| match whole {
-            Some(irradiance) => each(i, 1.0, irradiance),
-            None => {
-                let (p, n) = (positions[i], normals[i]);
-                each(
-                    i,
-                    self.fraction_above(p, n),
-                    self.unshadowed_irradiance(p, n),
-                );
-            }
-        });
+        let mut many = Many::new();
+        let parts = positions.chunks(MOST).zip(normals.chunks(MOST));
+        for (part, (positions, normals)) in parts.enumerate() {
+            many.set(positions, normals);
+            self.over(&mut many, true, |i, p, n, whole| match whole {
+                Some(irradiance) => each(part * MOST + i, 1.0, irradiance),
+                None => {
+                    let (h, irradiance) =
+                        (self.fraction_above(p, n), self.unshadowed_irradiance(p, n));
+                    each(part * MOST + i, h, irradiance);
+                }
+            });
+        }
     }
 
     /// [`Light::fraction_above`] of many receivers, the same to the bit: calls `each` with the receiver's
     /// number and this.
-    pub fn fractions_above(
-        &self,
-        positions: &[DVec3],
-        normals: &[DVec3],
-        mut each: impl FnMut(usize, f64),
-    ) {
-        self.many(positions, normals, false, |i, whole| {
-            each(
-                i,
-                match whole {
-                    Some(_) => 1.0,
-                    None => self.fraction_above(positions[i], normals[i]),
-                },
-            );
+    pub(crate) fn fractions_above(&self, many: &mut Many, mut each: impl FnMut(usize, f64)) {
+        self.over(many, false, |i, p, n, whole| {
+            each(i, whole.map_or_else(|| self.fraction_above(p, n), |_| 1.0));
         });
     }
 
-    /// Calls `each` with every receiver's number, and, where all of the light is seen to be above its tangent
-    /// plane at once, the irradiance if it is wanted.
-    fn many(
+    /// Calls `each` with every receiver's number, position and normal, and, where all of the light is seen to be
+    /// above its tangent plane at once, the irradiance if it is wanted.
+    #[inline(always)]
+    fn over(
         &self,
-        positions: &[DVec3],
-        normals: &[DVec3],
+        many: &mut Many,
         irradiance: bool,
-        mut each: impl FnMut(usize, Option<f64>),
+        mut each: impl FnMut(usize, DVec3, DVec3, Option<f64>),
     ) {
         let outline = match self.shape {
-            Shape::Rect { center, u, v } => Outline::Rect(center, u, v),
-            Shape::Sphere { center, radius } => Outline::Sphere(center, radius),
-            Shape::Disk { .. } => {
-                (0..positions.len()).for_each(|i| each(i, None));
-                return;
-            }
+            Shape::Rect { center, u, v } => Some(Outline::Rect(center, u, v)),
+            Shape::Sphere { center, radius } => Some(Outline::Sphere(center, radius)),
+            Shape::Disk { .. } => None,
         };
-        let mut many = Many::new(outline);
-        let parts = positions.chunks(MOST).zip(normals.chunks(MOST));
-        for (part, (positions, normals)) in parts.enumerate() {
-            many.find(positions, normals, irradiance);
-            for (i, &p) in positions.iter().enumerate() {
-                let whole = many.height[i] > 0.0 && self.emits_towards(p);
-                each(part * MOST + i, whole.then_some(many.irradiance[i]));
-            }
+        if let Some(outline) = outline {
+            many.find(outline, irradiance);
+        }
+        for i in 0..many.count {
+            let (p, n) = many.at(i);
+            let whole = outline.is_some() && many.height[i] > 0.0 && self.emits_towards(p);
+            each(i, p, n, whole.then_some(many.irradiance[i]));
         }
     }
 }

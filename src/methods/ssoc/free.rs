@@ -3,19 +3,16 @@
 //! The same that a lookup by itself finds first, from the same numbers: all four texels around a receiver saw what
 //! hides nothing of it, far from any edge. Places and planes are found in registers, for all of a group.
 
-use glam::DVec3;
-
 use super::lookup::{Receiver, around};
 use super::maps::Maps;
+use crate::contour::Many;
 use crate::methods::views::View;
 use crate::raster::nearest::NONE;
 use crate::receivers::GROUP;
 use crate::simd::{Lanes, detect, dispatch};
 
-/// A group of receivers in a view, a column for every number.
+/// What a view has around a group of receivers, a column for every number.
 pub(super) struct Group {
-    positions: [[f64; GROUP]; 3],
-    normals: [[f64; GROUP]; 3],
     /// The four texels around each.
     texels: [[u32; GROUP]; 4],
     /// Height of the tangent plane along the texels' directions, and what it is compared with at an inverse depth
@@ -30,8 +27,6 @@ impl Group {
     /// An empty one.
     pub(super) fn new() -> Self {
         Group {
-            positions: [[0.0; GROUP]; 3],
-            normals: [[0.0; GROUP]; 3],
             texels: [[0; GROUP]; 4],
             height: [[0.0; GROUP]; 4],
             reach: [0.0; GROUP],
@@ -41,21 +36,11 @@ impl Group {
 
     /// Bit `i` is set where the maps show at once that nothing hides any light from receiver `i`. Also whether the view
     /// holds any of the receivers.
-    pub(super) fn free(
-        &mut self,
-        maps: &Maps,
-        positions: &[DVec3],
-        normals: &[DVec3],
-    ) -> (u64, bool) {
-        for (i, (p, n)) in positions.iter().zip(normals).enumerate() {
-            for k in 0..3 {
-                (self.positions[k][i], self.normals[k][i]) = (p[k], n[k]);
-            }
-        }
+    pub(super) fn free(&mut self, maps: &Maps, receivers: &Many) -> (u64, bool) {
         let (group, view) = (&mut *self, &maps.view);
-        dispatch!(detect() => look(group: &mut Group, view: &View));
+        dispatch!(detect() => look(group: &mut Group, receivers: &Many, view: &View));
         let mut free = 0;
-        for i in 0..positions.len() {
+        for i in 0..receivers.count() {
             let is_free = (0..4).all(|k| {
                 let texel = self.texels[k][i] as usize;
                 let below = self.height[k][i] > maps.inverse_depth[texel] * self.reach[i];
@@ -63,7 +48,7 @@ impl Group {
             });
             free |= u64::from(is_free) << i;
         }
-        (free, self.held[..positions.len()].contains(&1))
+        (free, self.held[..receivers.count()].contains(&1))
     }
 }
 
@@ -73,10 +58,9 @@ impl Group {
     reason = "`dispatch!` names the lanes"
 )]
 #[inline(always)]
-unsafe fn look<S: Lanes>(group: &mut Group, view: &View) {
+unsafe fn look<S: Lanes>(group: &mut Group, receivers: &Many, view: &View) {
     for i in 0..GROUP {
-        let at = |of: &[[f64; GROUP]; 3]| DVec3::new(of[0][i], of[1][i], of[2][i]);
-        let (p, n) = (at(&group.positions), at(&group.normals));
+        let (p, n) = receivers.at(i);
         let (receiver, depth) = Receiver::new(view, p, n);
         let q = receiver.at;
         let held = (depth > 0.0) & view.contains(q);

@@ -33,6 +33,7 @@ use super::views::{View, most_central, views};
 use super::wedges::contour::{Casters, Edge};
 use super::wedges::is_point;
 use super::{Method, Prepared, Shading};
+use crate::contour::Many;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
@@ -249,31 +250,36 @@ impl Prepared for PreparedSsoc {
         };
         // Those of a group that nothing hides, from the same views.
         let soft = rules.interpolate && !hard;
-        let free = |group: &mut Group, p: &[DVec3], n: &[DVec3]| {
+        let free = |group: &mut Group, receivers: &Many| {
             let Some(first) = first.filter(|_| soft) else {
                 return 0;
             };
-            let (free, held) = group.free(first, p, n);
-            let face = central(rest, p[0]);
+            let (free, held) = group.free(first, receivers);
+            if held {
+                return free;
+            }
+            let face_of = |i: usize| central(rest, receivers.at(i).0);
+            let face = face_of(0);
             match rest.get(face) {
-                Some(map) if !held && p.iter().all(|&p| central(rest, p) == face) => {
-                    group.free(map, p, n).0
+                Some(map) if (1..receivers.count()).all(|i| face_of(i) == face) => {
+                    group.free(map, receivers).0
                 }
                 _ => free,
             }
         };
         let own = || {
             (
+                Many::new(),
                 Group::new(),
                 Lookup::new(self.casters.geometry(), rules, hard),
             )
         };
         let visibility =
-            receivers.by_groups(control, 0.0, own, |(group, lookup), range, out| {
+            receivers.by_groups(control, 0.0, own, |(many, group, lookup), range, out| {
                 let (p, n) = (&receivers.positions, &receivers.normals);
-                let (p, n) = (&p[range.clone()], &n[range.clone()]);
-                let free = free(group, p, n);
-                light.fractions_above(p, n, |i, h| {
+                many.set(&p[range.clone()], &n[range.clone()]);
+                let free = free(group, many);
+                light.fractions_above(many, |i, h| {
                     out[i] = match free >> i & 1 {
                         1 => h as f32,
                         _ => one(lookup, range.start + i, h),
@@ -399,12 +405,13 @@ mod tests {
             1 => DVec3::X,
             _ => DVec3::Z,
         };
-        let (mut group, mut counts) = (Group::new(), [0, 0]);
+        let (mut many, mut group, mut counts) = (Many::new(), Group::new(), [0, 0]);
         for first in (0..1200).step_by(50) {
             let ids = first..first + 50;
             let positions: Vec<_> = ids.clone().map(point).collect();
             let normals: Vec<_> = ids.map(normal).collect();
-            let (free, _) = group.free(map, &positions, &normals);
+            many.set(&positions, &normals);
+            let (free, _) = group.free(map, &many);
             for (i, (&p, &n)) in positions.iter().zip(&normals).enumerate() {
                 let alone = lookup.visibility(map, p, n);
                 if free >> i & 1 == 1 {

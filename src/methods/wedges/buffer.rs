@@ -15,6 +15,7 @@ use super::interpolate::{self, Wedge};
 use super::volume::{Drawing, Surface};
 use super::{Buffer, Cast, Overlap, Settings};
 use crate::camera::Camera;
+use crate::contour::Many;
 use crate::raster::{Cover, SPAN, TILE, Tile, tile_count};
 use crate::receivers::{BLOCK, Receivers};
 use crate::simd::{LANES, Lanes, Row, detect, dispatch};
@@ -181,13 +182,15 @@ impl<'a> TileBuffer<'a> {
         let frame = self.frame;
         let light = &frame.cast.light;
         let mut places = &self.places[..];
+        let mut many = Many::new();
         let one = |&group: &u32| {
             let range = frame.range(group);
             let (own, rest) = places.split_at(range.len());
             places = rest;
             let mut visible = Vec::with_capacity(range.len());
             let (p, n) = (&frame.receivers.positions, &frame.receivers.normals);
-            light.fractions_above(&p[range.clone()], &n[range], |i, h| {
+            many.set(&p[range.clone()], &n[range]);
+            light.fractions_above(&mut many, |i, h| {
                 visible.push(self.visibility[own[i] as usize].min(h as f32));
             });
             let cover = self.cover.iter().flat_map(|cover| {
