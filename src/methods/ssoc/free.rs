@@ -1,15 +1,116 @@
 //! Groups of receivers of which most are far from any shadow: those that nothing hides are found together.
 //!
-//! The same that a lookup by itself finds first, from the same numbers: all four texels around a receiver saw what
+//! A block of pixels on one triangle, where the map shows nothing but this triangle and is far from any edge, is free
+//! as a whole ([`Cells`]): no surface hides itself. In other groups ([`Group`]), the same that a lookup by itself finds first, from the same numbers: all four texels around a receiver saw what
 //! hides nothing of it, far from any edge. Places and planes are found in registers, for all of a group.
+
+use std::ops::Range;
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
 
 use super::lookup::{Receiver, around};
 use super::maps::Maps;
 use crate::contour::Many;
 use crate::methods::views::View;
 use crate::raster::nearest::NONE;
-use crate::receivers::GROUP;
+use crate::receivers::{BLOCK, GROUP, Receivers};
 use crate::simd::{Lanes, detect, dispatch};
+
+/// Texels on a side of a cell.
+const CELL: u32 = 8;
+
+/// For cells of a view's texels, the triangle that all of a cell's texels show, far from what any edge could hide;
+/// [`NONE`] where there is no such triangle.
+pub(super) struct Cells {
+    across: u32,
+    shown: Vec<u32>,
+}
+
+impl Cells {
+    /// Those of a view's maps.
+    pub(super) fn new(maps: &Maps) -> Self {
+        let (width, height) = (maps.view.camera.width, maps.view.camera.height);
+        let across = width.div_ceil(CELL);
+        let shown = |cell: u32| {
+            let (x, y) = (cell % across * CELL, cell / across * CELL);
+            let shown = maps.triangle[(y * width + x) as usize];
+            let alone = (y..(y + CELL).min(height)).all(|y| {
+                let row = (y * width + x) as usize..(y * width + (x + CELL).min(width)) as usize;
+                // Without a branch a texel.
+                let of = maps.triangle[row.clone()].iter().zip(&maps.outside[row]);
+                of.fold(true, |all, (&t, &edge)| all & (t == shown) & (edge == NONE))
+            });
+            if alone { shown } else { NONE }
+        };
+        let cells = across * height.div_ceil(CELL);
+        Cells {
+            across,
+            shown: (0..cells).into_par_iter().map(shown).collect(),
+        }
+    }
+
+    /// Whether nothing but its own triangle is around a block in the view that the cells are of.
+    pub(super) fn show(&self, view: &View, block: &Block) -> bool {
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for corner in block.corners {
+            let (q, depth) = view.project(corner);
+            if depth <= 0.0 || !view.contains(q) {
+                return false;
+            }
+            (low, high) = (low.min(q), high.max(q));
+        }
+        // A lookup interpolates between texels up to one away.
+        let last = DVec2::new(
+            f64::from(view.camera.width - 1),
+            f64::from(view.camera.height - 1),
+        );
+        let cell = |q: DVec2| {
+            let q = q.clamp(DVec2::ZERO, last);
+            (q.x as u32 / CELL, q.y as u32 / CELL)
+        };
+        let ((x0, y0), (x1, y1)) = (cell(low - 1.0), cell(high + 1.0));
+        (y0..=y1).all(|y| {
+            let row = (y * self.across + x0) as usize..=(y * self.across + x1) as usize;
+            self.shown[row].iter().all(|&shown| shown == block.triangle)
+        })
+    }
+}
+
+/// A whole block of a camera's pixels on one triangle.
+pub(super) struct Block {
+    triangle: u32,
+    /// The receivers at its corners; the others lie among them on the triangle's plane.
+    pub corners: [DVec3; 4],
+}
+
+impl Block {
+    /// That of a group of receivers, if they are one and have a tangent plane.
+    pub(super) fn new(receivers: &Receivers, group: &Range<usize>) -> Option<Self> {
+        let (&first, rest) = receivers.faces.get(group.clone())?.split_first()?;
+        let whole = group.len() == GROUP && first != NONE && rest.iter().all(|&f| f == first);
+        if !whole || receivers.normals[group.start] == DVec3::ZERO {
+            return None;
+        }
+        let side = BLOCK as usize;
+        let corners = [0, side - 1, GROUP - side, GROUP - 1];
+        Some(Block {
+            triangle: first,
+            corners: corners.map(|i| receivers.positions[group.start + i]),
+        })
+    }
+
+    /// Whether a view holds none of it, as all of it is beyond one of the image's sides.
+    pub(super) fn is_outside(&self, view: &View) -> bool {
+        let [width, height] = [view.camera.width, view.camera.height].map(f64::from);
+        let places = self.corners.map(|p| view.project(p));
+        places.iter().all(|p| p.1 > 0.0)
+            && (places.iter().all(|(q, _)| q.x < 0.0)
+                || places.iter().all(|(q, _)| q.x > width)
+                || places.iter().all(|(q, _)| q.y < 0.0)
+                || places.iter().all(|(q, _)| q.y > height))
+    }
+}
 
 /// What a view has around a group of receivers, a column for every number.
 pub(super) struct Group {

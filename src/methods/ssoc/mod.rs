@@ -23,6 +23,7 @@ pub mod lookup;
 pub mod maps;
 pub mod trend;
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -40,7 +41,7 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
 use falloff::Falloff;
-use free::Group;
+use free::{Block, Cells, Group};
 use lookup::{Lookup, MOST_STEPS, Rules};
 use maps::Maps;
 
@@ -167,6 +168,8 @@ struct PreparedSsoc {
     casters: Casters,
     lights: Vec<Light>,
     maps: Vec<Vec<Maps>>,
+    /// Those of each map, of lights that are no points.
+    cells: Vec<Vec<Cells>>,
     method: Ssoc,
     seconds: Vec<(&'static str, f64)>,
 }
@@ -182,6 +185,17 @@ impl Method for Ssoc {
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
+        Ok(Box::new(self.ready(geometry, lights, control)?))
+    }
+}
+
+impl Ssoc {
+    fn ready(
+        &self,
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        control: &Control,
+    ) -> Result<PreparedSsoc> {
         let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let start = Instant::now();
@@ -189,7 +203,7 @@ impl Method for Ssoc {
         let adjacency = start.elapsed().as_secs_f64();
         let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
         let mut reference_image = 0.0;
-        let mut maps = Vec::with_capacity(lights.len());
+        let (mut maps, mut cells) = (Vec::new(), Vec::new());
         for light in &lights {
             control.check()?;
             let start = Instant::now();
@@ -197,7 +211,11 @@ impl Method for Ssoc {
             silhouettes += start.elapsed().as_secs_f64();
             let (mut found, [shadow, distortion]) = self.maps(&casters, &edges, light, control)?;
             shadow_map += shadow;
-            distortion_maps += distortion;
+            let start = Instant::now();
+            let soft = self.rules.interpolate && !is_point(light);
+            let soft_maps = found.iter().filter(|_| soft);
+            cells.push(soft_maps.map(Cells::new).collect());
+            distortion_maps += distortion + start.elapsed().as_secs_f64();
             if self.distorted && !is_point(light) {
                 let start = Instant::now();
                 Ssoc::reference(&mut found, &casters, control)?;
@@ -205,10 +223,11 @@ impl Method for Ssoc {
             }
             maps.push(found);
         }
-        Ok(Box::new(PreparedSsoc {
+        Ok(PreparedSsoc {
             casters,
             lights,
             maps,
+            cells,
             method: *self,
             seconds: vec![
                 ("adjacency", adjacency),
@@ -217,13 +236,13 @@ impl Method for Ssoc {
                 ("distortion maps", distortion_maps),
                 ("reference image", reference_image),
             ],
-        }))
+        })
     }
 }
 
 impl Prepared for PreparedSsoc {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
-        let maps = &self.maps[light];
+        let (maps, cells) = (&self.maps[light], &self.cells[light]);
         let light = &self.lights[light];
         let (rules, hard) = (self.method.rules, is_point(light));
         let central = |faces: &[Maps], p: DVec3| {
@@ -249,23 +268,39 @@ impl Prepared for PreparedSsoc {
             seen.min(h) as f32
         };
         // Those of a group that nothing hides, from the same views.
-        let soft = rules.interpolate && !hard;
-        let free = |group: &mut Group, receivers: &Many| {
-            let Some(first) = first.filter(|_| soft) else {
+        let free = |group: &mut Group, many: &Many, range: &Range<usize>| {
+            let (Some(first), [first_cells, rest_cells @ ..]) = (first, &cells[..]) else {
                 return 0;
             };
-            let (free, held) = group.free(first, receivers);
-            if held {
-                return free;
-            }
-            let face_of = |i: usize| central(rest, receivers.at(i).0);
-            let face = face_of(0);
-            match rest.get(face) {
-                Some(map) if (1..receivers.count()).all(|i| face_of(i) == face) => {
-                    group.free(map, receivers).0
+            let block = Block::new(receivers, range);
+            let outside = block.as_ref().is_some_and(|b| b.is_outside(&first.view));
+            if !outside {
+                if block
+                    .as_ref()
+                    .is_some_and(|b| first_cells.show(&first.view, b))
+                {
+                    return u64::MAX;
                 }
-                _ => free,
+                let (free, held) = group.free(first, many);
+                if held {
+                    return free;
+                }
             }
+            let face_of = |&p: &DVec3| central(rest, p);
+            let face = central(rest, many.at(0).0);
+            let Some(map) = rest.get(face) else {
+                return if outside { u64::MAX } else { 0 };
+            };
+            match &block {
+                Some(block) if block.corners.iter().all(|p| face_of(p) == face) => {
+                    if rest_cells[face].show(&map.view, block) {
+                        return u64::MAX;
+                    }
+                }
+                _ if (1..many.count()).any(|i| face_of(&many.at(i).0) != face) => return 0,
+                _ => {}
+            }
+            group.free(map, many).0
         };
         let own = || {
             (
@@ -278,7 +313,7 @@ impl Prepared for PreparedSsoc {
             receivers.by_groups(control, 0.0, own, |(many, group, lookup), range, out| {
                 let (p, n) = (&receivers.positions, &receivers.normals);
                 many.set(&p[range.clone()], &n[range.clone()]);
-                let free = free(group, many);
+                let free = free(group, many, &range);
                 light.fractions_above(many, |i, h| {
                     out[i] = match free >> i & 1 {
                         1 => h as f32,
@@ -305,9 +340,11 @@ impl Prepared for PreparedSsoc {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Camera;
     use crate::raster::nearest::NONE;
+    use crate::receivers::from_camera;
     use crate::scene::{Material, Scene};
-    use glam::DVec2;
+    use glam::{DMat3, DVec2};
 
     const LOOKS: Material = Material {
         albedo: [1.0; 3],
@@ -318,6 +355,10 @@ mod tests {
 
     /// A star with deep notches over a ground.
     fn star() -> Casters {
+        Casters::new("ssoc", star_geometry(), false).unwrap()
+    }
+
+    fn star_geometry() -> Arc<Geometry> {
         let mut scene = Scene::default();
         let rim = (0..14).map(|i| {
             let angle = std::f64::consts::TAU * f64::from(i) / 14.0;
@@ -334,7 +375,7 @@ mod tests {
         scene
             .add_mesh("ground", ground, &[[0, 1, 2]], LOOKS)
             .unwrap();
-        Casters::new("ssoc", scene.geometry().unwrap(), false).unwrap()
+        scene.geometry().unwrap()
     }
 
     fn maps(casters: &Casters, light: &Light) -> Vec<Maps> {
@@ -424,6 +465,40 @@ mod tests {
         }
         // What else is lit is near an edge: 110 and 51 were found.
         assert!(counts[0] >= 100 && counts[1] < counts[0], "{counts:?}");
+    }
+
+    #[test]
+    fn blocks_that_are_free_as_a_whole_have_what_each_receiver_finds() {
+        let geometry = star_geometry();
+        let intrinsics =
+            DMat3::from_cols_array(&[250.0, 0.0, 0.0, 0.0, 250.0, 0.0, 128.0, 100.0, 1.0]);
+        // From above, a little aslant.
+        let pose = DMat3::from_rotation_x(3.0);
+        let camera = Camera::new(intrinsics, pose, DVec3::new(0.0, -0.3, 2.5), 256, 200).unwrap();
+        let camera = camera.to_local(&geometry.frame);
+        let control = Control::default();
+        let receivers = from_camera(&geometry, &camera, &control).unwrap().1;
+        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false, false).unwrap();
+        // Above all, and between the star and the ground, with several views.
+        for height in [2.0, 0.3] {
+            let light = Light::sphere(DVec3::new(0.1, -0.2, height), 0.1, [1.0; 3]).unwrap();
+            let mut prepared = method.ready(geometry.clone(), &[light], &control).unwrap();
+            let blocks = prepared.shade(&receivers, 0, &control).unwrap();
+            let views = prepared.maps[0].iter().zip(&prepared.cells[0]);
+            let shown = |range: Range<usize>| {
+                let block = Block::new(&receivers, &range)?;
+                let mut views = views.clone();
+                views.any(|(m, c)| c.show(&m.view, &block)).then_some(())
+            };
+            let ends = receivers.groups.windows(2);
+            let count = ends
+                .filter(|w| shown(w[0] as usize..w[1] as usize).is_some())
+                .count();
+            assert!(count >= 50, "{count}");
+            prepared.cells[0].clear();
+            let alone = prepared.shade(&receivers, 0, &control).unwrap();
+            assert!(blocks.visibility == alone.visibility);
+        }
     }
 
     #[test]
