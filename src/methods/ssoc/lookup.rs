@@ -460,6 +460,12 @@ impl<'a> Lookup<'a> {
                 hidden &= step == 0 && here.x > here.w + DRAWN;
                 break;
             }
+            let sees = !start.0 || (!hidden && !maps.seen.is_empty());
+            if sees && here.x < -here.w - DRAWN {
+                // It would hide all of the light from a receiver that sees some, from its own place or, as the
+                // reference image knows, in the middle of what was left: it bounds what the receiver lies on.
+                break;
+            }
             edges[step] = edge;
             let same = |k: &Option<Penumbra>| k.is_some_and(|k| k.same(&here));
             let k = known[..count].iter().position(same).unwrap_or(count);
