@@ -11,8 +11,9 @@
 use glam::DVec2;
 
 use super::falloff::Cut;
-use super::lookup::{Lookup, Penumbra, Receiver};
+use super::lookup::{Lookup, Penumbra};
 use super::maps::{Line, Maps};
+use super::receiver::Receiver;
 use crate::methods::views::View;
 use crate::raster::nearest::NONE;
 

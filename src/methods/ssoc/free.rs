@@ -9,8 +9,8 @@ use std::ops::Range;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::lookup::{Receiver, around};
 use super::maps::Maps;
+use super::receiver::{Receiver, around};
 use crate::contour::Many;
 use crate::methods::views::View;
 use crate::raster::nearest::NONE;

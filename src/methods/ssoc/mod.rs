@@ -17,10 +17,12 @@
 
 pub mod corners;
 pub mod distorted;
+mod drawing;
 pub mod falloff;
 mod free;
 pub mod lookup;
 pub mod maps;
+mod receiver;
 pub mod trend;
 
 use std::ops::Range;
@@ -39,6 +41,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::raster::tile_count;
 use crate::receivers::Receivers;
 use falloff::Falloff;
 use free::{Block, Cells, Group};
@@ -118,25 +121,22 @@ impl Ssoc {
         let views = views(light, casters, self.resolution)?;
         let more = if self.distorted { SEEN_BYTES } else { 0 };
         check_memory(&views, TEXEL_BYTES + more)?;
-        control.check()?;
+        let tiles: usize = views.iter().map(|v| tile_count(&v.camera)).sum();
+        let soft = !is_point(light);
+        control.expect(tiles * (1 + usize::from(soft)));
         // Side by side, as most of a cube's faces hold little.
         let mut maps: Vec<Maps> = views
             .into_par_iter()
-            .map(|view| {
-                control.check()?;
-                Maps::shadow_map(view, casters, &casts)
-            })
+            .map(|view| Maps::shadow_map(view, casters, &casts, control))
             .collect::<Result<_>>()?;
         let shadow = start.elapsed().as_secs_f64();
-        if !is_point(light) {
+        if soft {
             // The first holds most, and is drawn by all threads; the others side by side.
             let one = maps.len().min(1);
             let (first, rest) = maps.split_at_mut(one);
             for maps in [first, rest] {
-                maps.par_iter_mut().try_for_each(|map| {
-                    control.check()?;
-                    map.distortion(edges, geometry)
-                })?;
+                maps.par_iter_mut()
+                    .try_for_each(|map| map.distortion(edges, geometry, control))?;
             }
         }
         Ok((maps, [shadow, start.elapsed().as_secs_f64() - shadow]))
@@ -382,8 +382,10 @@ mod tests {
         let light = light.to_local(&casters.geometry().frame);
         let method = Ssoc::new(200, 3, Falloff::Light, true, true, false, false).unwrap();
         let edges = casters.silhouettes(light.center(), false);
-        let found = method.maps(casters, &edges, &light, &Control::default());
-        found.unwrap().0
+        let control = Control::default();
+        let (found, _) = method.maps(casters, &edges, &light, &control).unwrap();
+        assert_eq!(control.fraction(), 1.0);
+        found
     }
 
     #[test]
