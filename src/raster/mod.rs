@@ -241,8 +241,10 @@ fn each_tile<S: Send>(
     draw: impl Fn(usize, Tile, &mut S) + Sync,
 ) -> Result<Vec<(Tile, S)>> {
     let columns = camera.width.div_ceil(TILE);
+    // One by one: their work is as uneven as the picture.
     (0..tile_count(camera))
         .into_par_iter()
+        .with_max_len(1)
         .map(|index| {
             control.step()?;
             let (x, y) = (index as u32 % columns * TILE, index as u32 / columns * TILE);

@@ -396,6 +396,7 @@ impl PreparedWedges {
         )?;
         let parts: Vec<Groups> = tiles
             .into_par_iter()
+            .with_max_len(1)
             .map(|(_, buffer)| {
                 let groups = buffer.finish();
                 groups.iter().try_for_each(|_| control.step())?;
