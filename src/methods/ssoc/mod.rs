@@ -291,14 +291,15 @@ impl Prepared for PreparedSsoc {
             let Some(map) = rest.get(face) else {
                 return if outside { u64::MAX } else { 0 };
             };
-            match &block {
-                Some(block) if block.corners.iter().all(|p| face_of(p) == face) => {
-                    if rest_cells[face].show(&map.view, block) {
-                        return u64::MAX;
-                    }
-                }
-                _ if (1..many.count()).any(|i| face_of(&many.at(i).0) != face) => return 0,
-                _ => {}
+            let one_face = match &block {
+                Some(block) => block.corners.iter().all(|p| face_of(p) == face),
+                None => (1..many.count()).all(|i| face_of(&many.at(i).0) == face),
+            };
+            if !one_face {
+                return 0;
+            }
+            if block.is_some_and(|b| rest_cells[face].show(&map.view, &b)) {
+                return u64::MAX;
             }
             group.free(map, many).0
         };
