@@ -109,13 +109,15 @@ def test_a_missing_layer_lets_light_through():
     exact = _traced(setup)
     ground = exact.mesh_id == 0
     errors = [_errors(setup, exact, ground, ss.Mtsm(1024, k)) for k in range(1, 7)]
-    # Measured: 0.0703, 0.0437, 0.0205, 0.0105 and, of the coarser levels only, 0.0034.
+    # Measured: 0.0709, 0.0236, 0.0043, 0.0024 and, of the coarser levels only, 0.0022: the boards
+    # that are kept are those farthest behind one another.
     means = [e[0] for e in errors]
-    assert all(b < 0.7 * a for a, b in itertools.pairwise(means[:5]))
-    assert means[4] < 0.005
-    assert errors[4] == errors[5]
-    assert all(bias > 0 for _, bias, _ in errors[:4])
-    assert errors[3][2] > 0.5 > 10 * errors[4][2]
+    assert all(b < 0.7 * a for a, b in itertools.pairwise(means[:4]))
+    assert means[4] < 0.003
+    # A sixth layer is of use in coarser levels only.
+    assert errors[5][0] <= errors[4][0]
+    assert all(bias > 0 for _, bias, _ in errors[:3])
+    assert errors[1][2] > 0.5 > 10 * errors[4][2]
 
 
 def test_coarser_levels_cost_accuracy():
@@ -142,8 +144,8 @@ def test_a_thickness_darkens_and_a_bias_brightens():
     assert lifted.mean() > plain.mean() + 0.0003
 
 
-@pytest.mark.parametrize(("resolution", "most"), [(64, 9), (512, 1)])
-def test_an_oblique_ground_does_not_shadow_itself(resolution, most):
+@pytest.mark.parametrize(("resolutions", "most"), [((64,), 9), ((500, 512, 520, 600, 1024), 5)])
+def test_an_oblique_ground_does_not_shadow_itself(resolutions, most):
     scene = ss.Scene()
     scene.add(quad((0, 0, 0), (6, 0, 0), (0, 6, 0)), "ground")
     scene.add(quad((0, 0, 0.4), (0.3, 0, 0), (0, 0.3, 0)), "board")
@@ -154,9 +156,12 @@ def test_an_oblique_ground_does_not_shadow_itself(resolution, most):
     traced = ss.visibility(scene, points, normals, light, REFERENCE)
     lit = traced == 1
     assert lit.sum() > 6000
-    found = ss.visibility(scene, points, normals, light, ss.Mtsm(resolution, 4))
+    dark = 0
+    for resolution in resolutions:
+        found = ss.visibility(scene, points, normals, light, ss.Mtsm(resolution, 4))
+        dark += (found[lit] < 1).sum()
+        assert found[lit].min() >= 1 - 2 / 256
     # Texels reach half of one past the board: 0.0025 of 64, some 2.5 times as much on the ground,
-    # along 6 of the shadow's rim; points there have 0.004 each (measured: 4 and none, of two
-    # samples at most).
-    assert (found[lit] < 1).sum() <= most
-    assert found[lit].min() >= 1 - 2 / 256
+    # along 6 of the shadow's rim; points there have 0.004 each (measured: none, and 3 in all, of
+    # one sample each). An eighth of that at the finer resolutions, 1 each.
+    assert dark <= most

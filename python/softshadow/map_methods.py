@@ -174,7 +174,7 @@ class Slsm(Method):
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 20.0
+    detail: float = 18.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "slsm"
@@ -194,7 +194,8 @@ class Slsm(Method):
 class Mlsm(Method):
     """Ray-traced multilayer shadow maps (Xie, Tabellion and Pearce 2007, Section 4).
 
-    As `Slsm`, with the nearest few surfaces of every texel; see ``docs/methods/mtsm.md``.
+    As `Slsm`, with a few surfaces of every texel: of the nearest, twice as many, those that are
+    farthest behind one another. See ``docs/methods/mtsm.md``.
 
     Parameters
     ----------
@@ -213,7 +214,7 @@ class Mlsm(Method):
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 20.0
+    detail: float = 18.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "mlsm"
@@ -260,7 +261,7 @@ class Mtsm(Method):
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 20.0
+    detail: float = 18.0
     error: float = 0.02
     threshold: float = 1 / 512
     resets: int = 4

@@ -66,6 +66,7 @@ impl Method for DeepShadow {
         let casters = Casters::new(self.name(), geometry, true)?;
         let layers = Layers {
             count: self.settings.layers,
+            of: self.settings.layers,
             compression: Compression {
                 error: self.error,
                 threshold: NOTHING,

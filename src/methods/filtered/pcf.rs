@@ -51,6 +51,7 @@ impl Method for Pcf {
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let layers = Layers {
             count: self.settings.layers,
+            of: self.settings.layers,
             // Not used: all layers are opaque.
             compression: Compression {
                 error: 0.0,

@@ -426,6 +426,7 @@ mod tests {
         let views = light_views(&light, &casters, 128).unwrap();
         let layers = Layers {
             count: 1,
+            of: 1,
             compression: Compression {
                 error: 0.0,
                 threshold: 0.0,

@@ -50,6 +50,7 @@ pub fn resolution(casters: &Casters) -> u32 {
 pub fn layers(light: &Light, casters: &Casters, control: &Control) -> Result<usize> {
     let kept = Layers {
         count: MOST,
+        of: MOST,
         compression: Compression {
             error: 0.0,
             threshold: 0.0,

@@ -1,7 +1,7 @@
 //! Drawing layered maps: a Z-buffer of `k` layers (Section 4.2), or all crossings compressed (Section 5.1).
 //!
-//! Both are sinks of the shared rasteriser. Opaque scenes get the first: of every texel the `k` nearest
-//! surfaces, sorted, equal depths once. Duplicate faces and what lies before the view's nearest plane take no
+//! Both are sinks of the shared rasteriser. Opaque scenes get the first: of every texel, of the
+//! nearest surfaces, sorted, equal depths once, the `k` that are farthest behind one another. Duplicate faces and what lies before the view's nearest plane take no
 //! layer. With transparent casters all crossings of a tile are collected, sorted by texel and depth, and
 //! compressed texel by texel; duplicates count as often as they are there.
 //!
@@ -25,6 +25,8 @@ use crate::raster::{SPAN, Sink, TILE, Tile, rasterize, tile_count};
 pub struct Layers {
     /// Most layers of a texel.
     pub count: usize,
+    /// The nearest surfaces of a texel that they are chosen from, where all are opaque; at least `count`.
+    pub of: usize,
     /// How transparent crossings are compressed.
     pub compression: Compression,
     /// Whether meshes that are transparent count as opaque.
@@ -53,7 +55,7 @@ pub fn layer_map(
         opacity(m) < 1.0 && held[range].iter().any(|h| *h)
     });
     let transparent = clear && !layers.opaque;
-    check_memory(&view, layers.count, transparent)?;
+    check_memory(&view, layers.count, layers.of, transparent)?;
     let (faces, camera) = (&geometry.faces, &view.camera);
     let keep = |face: u32| held[face as usize];
     let near = view.inverse_near;
@@ -76,14 +78,16 @@ pub fn layer_map(
                 }
             });
     } else {
-        let make = |tile| NearestLayers::new(tile, near, k);
-        let tiles = rasterize(&geometry.positions, faces, keep, camera, control, make)?;
+        let of = layers.of.max(k);
+        let make = |tile| NearestLayers::new(tile, near, of);
+        let mut tiles = rasterize(&geometry.positions, faces, keep, camera, control, make)?;
         let blocks = level.blocks.par_chunks_mut(rows);
         blocks
-            .zip(tiles.par_chunks(across))
+            .zip(tiles.par_chunks_mut(across))
             .for_each(|(blocks, tiles)| {
                 for (tile, sink) in tiles {
-                    for (i, texel) in sink.pieces.chunks_exact(k).enumerate() {
+                    for (i, texel) in sink.pieces.chunks_exact_mut(of).enumerate() {
+                        keep_apart(texel, k);
                         let (at, child) = in_row_of_tiles(tile, i as u32, width, k);
                         for (block, piece) in blocks[at..at + k].iter_mut().zip(texel) {
                             block.set(child, *piece);
@@ -102,6 +106,19 @@ pub fn layer_map(
     Ok(map)
 }
 
+/// Moves those of a texel's surfaces to the front that are to be kept: in turn, the one that is the least behind
+/// the one before it is left out. A segment that crosses it is the most likely to cross the other, too.
+fn keep_apart(texel: &mut [Piece], keep: usize) {
+    let filled = texel.iter().take_while(|p| p.is_some()).count();
+    for left in (keep + 1..=filled).rev() {
+        let behind = |i: &usize| texel[i - 1].inverse_depth - texel[*i].inverse_depth;
+        let closest = (1..left).min_by(|a, b| behind(a).total_cmp(&behind(b)));
+        if let Some(closest) = closest {
+            texel.copy_within(closest + 1..left, closest);
+        }
+    }
+}
+
 /// Where a tile's texel number `i` is among the blocks of its row of tiles: its first layer, and which of the
 /// four texels it is.
 fn in_row_of_tiles(tile: &Tile, i: u32, width: usize, layers: usize) -> (usize, usize) {
@@ -113,16 +130,23 @@ fn in_row_of_tiles(tile: &Tile, i: u32, width: usize, layers: usize) -> (usize, 
     (block * layers, y % 2 * 2 + x % 2)
 }
 
-/// Bytes that a map takes while it is built: its texels twice (tiles and levels), a third more in its coarser
-/// levels, and 16 a texel in its quadtree.
-pub fn bytes_needed(view: &LayerView, layers: usize, transparent: bool) -> usize {
+/// Bytes that a map takes while it is built: its texels in tiles, with all surfaces that layers are chosen from, and
+/// in levels, a third more for the coarser ones, and 16 a texel in its quadtree.
+pub fn bytes_needed(view: &LayerView, layers: usize, of: usize, transparent: bool) -> usize {
     let layer = size_of::<Piece>() + if transparent { size_of::<Medium>() } else { 0 };
-    let texel = layers.saturating_mul(layer).saturating_mul(7).div_ceil(3) + 16 * 4 / 3 + 4;
+    let levels = layers.saturating_mul(layer).saturating_mul(4).div_ceil(3);
+    let tiles = layers.max(of).saturating_mul(layer);
+    let texel = levels.saturating_add(tiles) + 16 * 4 / 3 + 4;
     view.camera.pixels().saturating_mul(texel)
 }
 
-pub(super) fn check_memory(view: &LayerView, layers: usize, transparent: bool) -> Result<()> {
-    let bytes = bytes_needed(view, layers, transparent);
+pub(super) fn check_memory(
+    view: &LayerView,
+    layers: usize,
+    of: usize,
+    transparent: bool,
+) -> Result<()> {
+    let bytes = bytes_needed(view, layers, of, transparent);
     if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
         return Ok(());
     }

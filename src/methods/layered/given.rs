@@ -101,7 +101,7 @@ impl Given {
         let view = self.view(light, frame)?;
         let (width, height) = (self.camera.width as usize, self.camera.height as usize);
         let (k, transparent) = (self.layers, self.clear.is_some());
-        check_memory(&view, k, transparent)?;
+        check_memory(&view, k, k, transparent)?;
         let mut level = Level::new(width, height, k, transparent);
         for texel in 0..width * height {
             let (at, child) = level.place(texel % width, texel / width, k);

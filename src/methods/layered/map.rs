@@ -60,13 +60,96 @@ impl Piece {
     }
 }
 
+/// The part of a texel that a piece fills, in quarters: left, right, upper and lower side.
+pub type Part = [u32; 4];
+
+/// All of a texel.
+pub const WHOLE: Part = [0, 4, 0, 4];
+
+/// Of the 32 bits of a slope and a part, from the highest: two slopes, eight bits each, as multiples of a power of
+/// two; that power, eight bits; two bits for each side, by how many quarters it is moved in. The steeper slope is
+/// right to 0.4 % of the depth that it adds within a texel.
+fn packed(slope: [f32; 2], part: Part) -> u32 {
+    let steepest = slope[0].abs().max(slope[1].abs());
+    let (mut whole, mut power) = ([0.0; 2], 0);
+    if steepest > FLAT {
+        // The steeper becomes 64 to 127.
+        power = (steepest * (129.0 / 128.0)).to_bits() >> 23;
+        whole = slope.map(|s| (s / f32::from_bits((power - 6) << 23)).round());
+        power -= 30;
+    }
+    let [x, y] = whole.map(|s| u32::from(s as i8 as u8));
+    let [left, right, upper, lower] = part;
+    x << 24 | y << 16 | power << 8 | left << 6 | (4 - right) << 4 | upper << 2 | (4 - lower)
+}
+
+/// Slopes up to which no depth changes: twice the power of two that is kept as 1.
+const FLAT: f32 = 1.0 / (1u128 << 95) as f32;
+
+/// A slope, eight bits at the top, as a multiple of what [`unit`] gives.
+#[inline(always)]
+fn multiple(packed: u32) -> f32 {
+    (packed & 0xff00_0000) as i32 as f32
+}
+
+#[inline(always)]
+fn unit(packed: u32) -> f32 {
+    f32::from_bits(packed << 15 & 0x7f80_0000)
+}
+
+/// A piece of a coarser map, unpacked: it may fill a part of its texel.
+#[derive(Debug, Clone, Copy)]
+pub struct Plane {
+    /// Inverse depth in the middle of the part that it fills.
+    pub inverse_depth: f32,
+    /// Its change from texel to texel, along a row and along a column.
+    pub slope: [f32; 2],
+    /// The part of the texel that it fills.
+    pub part: Part,
+}
+
+impl From<Piece> for Plane {
+    fn from(piece: Piece) -> Self {
+        Plane {
+            inverse_depth: piece.inverse_depth,
+            slope: piece.slope(),
+            part: WHOLE,
+        }
+    }
+}
+
+impl Plane {
+    /// By how much its inverse depth is more in the middle of its part than at the texel's centre.
+    pub fn rise(&self) -> f32 {
+        let [left, right, upper, lower] = self.part.map(|side| side as f32);
+        0.125 * (self.slope[0] * (left + right - 4.0) + self.slope[1] * (upper + lower - 4.0))
+    }
+
+    /// Inverse depth at the texel's centre.
+    pub fn at_center(&self) -> f32 {
+        self.inverse_depth - self.rise()
+    }
+
+    /// Whether the next one, to the right (`axis` 0) or below, is of the same surface: at the border between them
+    /// they are no farther apart than one of them rises over a texel.
+    pub fn joins(&self, next: &Plane, axis: usize) -> bool {
+        let (here, there) = (
+            self.at_center() + 0.5 * self.slope[axis],
+            next.at_center() - 0.5 * next.slope[axis],
+        );
+        let rise = |p: &Plane| p.slope[0].abs() + p.slope[1].abs();
+        (here - there).abs() <= rise(self).max(rise(next))
+    }
+}
+
 /// One layer of 2×2 texels, in the order of [`Quad`]'s children.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[repr(C, align(32))]
 pub struct Block {
     /// [`Piece::inverse_depth`] of each.
     pub inverse_depth: [f32; 4],
-    /// Their slopes, as a piece keeps them.
+    /// Their slopes, as a piece keeps them; in coarser maps slopes and parts, as `packed` makes them. The inverse depth
+    /// is there that in the middle of the part.
     pub slope: [u32; 4],
 }
 
@@ -93,6 +176,53 @@ impl Block {
             Vec4::from_array(self.slope.map(|s| f32::from_bits(s & 0xffff_0000))),
             Vec4::from_array(self.slope.map(|s| f32::from_bits(s << 16))),
         ]
+    }
+
+    /// The piece of one of the texels of a coarser map; nothing where there is no surface.
+    #[inline(always)]
+    pub fn plane(&self, child: usize) -> Option<Plane> {
+        let (inverse_depth, p) = (self.inverse_depth[child], self.slope[child]);
+        (inverse_depth > 0.0).then(|| Plane {
+            inverse_depth,
+            slope: [p, p << 8].map(|m| multiple(m) * unit(p)),
+            part: [p >> 6 & 3, 4 - (p >> 4 & 3), p >> 2 & 3, 4 - (p & 3)],
+        })
+    }
+
+    /// Sets the piece of one of the texels of a coarser map.
+    #[inline(always)]
+    pub fn set_plane(&mut self, child: usize, plane: &Plane) {
+        self.inverse_depth[child] = plane.inverse_depth;
+        self.slope[child] = packed(plane.slope, plane.part);
+    }
+
+    /// Slopes along rows and along columns in a coarser map.
+    #[inline(always)]
+    pub fn coarse_slopes(&self) -> [Vec4; 2] {
+        let unit = Vec4::from_array(self.slope.map(unit));
+        let along = Vec4::from_array(self.slope.map(multiple));
+        let down = Vec4::from_array(self.slope.map(|p| multiple(p << 8)));
+        [along * unit, down * unit]
+    }
+
+    /// The parts of texels that the pieces fill: how far their middles are from the texels', along rows and along
+    /// columns, and half of their extents.
+    #[inline(always)]
+    pub fn parts(&self) -> [[Vec4; 2]; 2] {
+        let axis = |down: u32| {
+            let (low, high) = (
+                |p: u32| (p >> (down + 2) & 3) as i32,
+                |p: u32| (p >> down & 3) as i32,
+            );
+            let middle = self.slope.map(|p| (low(p) - high(p)) as f32);
+            let cut = self.slope.map(|p| (low(p) + high(p)) as f32);
+            (
+                Vec4::from_array(middle) * 0.125,
+                Vec4::splat(0.5) - Vec4::from_array(cut) * 0.125,
+            )
+        };
+        let ((x, half_x), (y, half_y)) = (axis(4), axis(0));
+        [[x, y], [half_x, half_y]]
     }
 }
 

@@ -6,7 +6,7 @@
 //! - [`construction`]: the rasteriser's sinks; [`compress`]: from all crossings of a transparent texel to layers;
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
-//! - [`map`]: what is stored; [`quadtree`]: least and largest depths, coarser maps;
+//! - [`map`]: what is stored; [`quadtree`]: least and largest depths; [`coarser`]: coarser maps;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
@@ -17,6 +17,7 @@
 //! mean only; contact shadows begin half a texel away.
 
 pub mod choose;
+pub mod coarser;
 pub mod compress;
 pub mod construction;
 pub mod given;
@@ -48,6 +49,10 @@ use map::LayerMap;
 use masks::{Axis, BLOCK, Mask, spread};
 use tracing::{Pencil, Seen, Stack, Tracing, trace};
 use views::light_views;
+
+/// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
+/// few to close the nearest strands.
+const CHOICE: usize = 2;
 
 /// Which of the paper's maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -181,6 +186,7 @@ impl Layered {
         };
         let layers = Layers {
             count,
+            of: if count > 1 { CHOICE * count } else { 1 },
             compression: Compression {
                 error: settings.error as f32,
                 threshold: settings.threshold as f32,

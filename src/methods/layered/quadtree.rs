@@ -1,17 +1,14 @@
-//! The levels of a map: its quadtree of least and largest depth (Section 4.3), and coarser maps.
+//! The quadtree of a map: least and largest depth of its nodes (Section 4.3).
 //!
 //! A node of level `l` covers 2ˡ × 2ˡ texels of the map. The quadtree keeps four numbers for every node, by
 //! parents, so that four siblings lie in one cache line ([`Quad`]): the range of inverse depths of all that it
-//! holds, and, where all of its texels are covered by one connected opaque surface, the range of that.
-//!
-//! A coarser map keeps, of each 2×2 texels, the layers of one, chosen by a hash of its place so that what covers
-//! a part of the texels covers the same part of the coarser ones, without a shift. Far from a receiver, where
-//! hundreds of texels lie between two neighbouring light samples, tracing uses coarser maps: so its
-//! cost grows slowly with the map's resolution and the light's size.
+//! holds, and, where all of its texels are covered by one connected opaque surface, the range of that. Beside it
+//! each level has a coarser map ([`super::coarser`]).
 
 use rayon::prelude::*;
 
-use super::map::{LayerMap, Level, Piece};
+use super::coarser::coarser;
+use super::map::{LayerMap, Level, Piece, Plane};
 
 /// What four siblings of the quadtree hold, the children `(2x, 2y)`, `(2x + 1, 2y)`, `(2x, 2y + 1)`,
 /// `(2x + 1, 2y + 1)` of their parent `(x, y)`.
@@ -89,18 +86,6 @@ fn texels(level: &Level, k: usize) -> Vec<Node> {
         let piece = level.blocks[at].piece(child);
         (opaque && piece.is_some()).then_some(piece)
     };
-    // Two pieces are of one surface where their planes, at the border between them, are no farther apart than
-    // one of them rises over a texel.
-    let joined = |a: Piece, b: Option<Piece>, axis: usize| {
-        let Some(b) = b else {
-            return false;
-        };
-        let (at_a, at_b) = (
-            a.inverse_depth + 0.5 * a.slope()[axis],
-            b.inverse_depth - 0.5 * b.slope()[axis],
-        );
-        (at_a - at_b).abs() <= 2.0 * a.reach().max(b.reach())
-    };
     let row = |y: usize| {
         (0..width).map(move |x| {
             let (at, child) = level.place(x, y, k);
@@ -124,8 +109,11 @@ fn texels(level: &Level, k: usize) -> Vec<Node> {
                 let (w, reach) = (piece.inverse_depth, piece.reach());
                 node.covered = true;
                 node.cover = [(w - reach).max(f32::MIN_POSITIVE), w + reach];
-                node.right = x + 1 < width && joined(piece, first(x + 1, y), 0);
-                node.down = y + 1 < height && joined(piece, first(x, y + 1), 1);
+                let joined = |next: Option<Piece>, axis: usize| {
+                    next.is_some_and(|next| Plane::from(piece).joins(&next.into(), axis))
+                };
+                node.right = x + 1 < width && joined(first(x + 1, y), 0);
+                node.down = y + 1 < height && joined(first(x, y + 1), 1);
             }
             node
         })
@@ -191,71 +179,4 @@ fn parents(nodes: &[Node], width: usize, height: usize) -> Vec<Node> {
         .into_par_iter()
         .map(make)
         .collect()
-}
-
-/// A map of half the resolution, with one of each 2×2 texels; of those that exist.
-fn coarser(level: &Level, k: usize, number: u32) -> Level {
-    let (width, height) = (level.width.div_ceil(2), level.height.div_ceil(2));
-    let mut out = Level::new(width, height, k, !level.media.is_empty());
-    let across = width.div_ceil(2);
-    // The texel of the finer level that stands for one of a block, and which of its four it is.
-    let source = |block: usize, child: usize| {
-        let (x, y) = (
-            block % across * 2 + child % 2,
-            block / across * 2 + child / 2,
-        );
-        let pick = hash(x as u32, y as u32, number);
-        let (i, j) = ((pick & 1) as usize, (pick >> 1 & 1) as usize);
-        // A texel beyond the border is empty.
-        let inside = 2 * x + i < level.width && 2 * y + j < level.height;
-        inside.then(|| (level.place(2 * x + i, 2 * y + j, k), [i, j]))
-    };
-    out.blocks
-        .par_chunks_mut(k)
-        .enumerate()
-        .for_each(|(block, layers)| {
-            for child in 0..4 {
-                let Some(((at, from), [i, j])) = source(block, child) else {
-                    continue;
-                };
-                for (to, piece) in layers.iter_mut().zip(&level.blocks[at..at + k]) {
-                    let piece = piece.piece(from);
-                    if !piece.is_some() {
-                        break;
-                    }
-                    // From the middle of the finer texel to that of the coarser.
-                    let [sx, sy] = piece.slope();
-                    let shift = sx * (0.5 - i as f32) + sy * (0.5 - j as f32);
-                    let moved = piece.inverse_depth + shift;
-                    let inverse_depth = if moved > 0.0 {
-                        moved
-                    } else {
-                        piece.inverse_depth
-                    };
-                    to.set(child, Piece::new(inverse_depth, [2.0 * sx, 2.0 * sy]));
-                }
-            }
-        });
-    let media = out.media.par_chunks_mut(k).enumerate();
-    media.for_each(|(block, layers)| {
-        for child in 0..4 {
-            if let Some(((at, from), _)) = source(block, child) {
-                for (to, medium) in layers.iter_mut().zip(&level.media[at..at + k]) {
-                    to[child] = medium[from];
-                }
-            }
-        }
-    });
-    out
-}
-
-/// Bits that look random, of a texel's place.
-fn hash(x: u32, y: u32, level: u32) -> u32 {
-    let mut h =
-        x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ level.wrapping_mul(0xc2b2_ae3d);
-    h ^= h >> 15;
-    h = h.wrapping_mul(0x2c1b_3c6d);
-    h ^= h >> 12;
-    h = h.wrapping_mul(0x297a_2d39);
-    h >> 15 & 3
 }

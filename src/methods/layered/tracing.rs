@@ -22,7 +22,7 @@
 
 use glam::{DVec3, Vec4};
 
-use super::map::{LayerMap, Level};
+use super::map::{Block, LayerMap, Level};
 use super::masks::{Axis, BINS, Mask};
 use super::quadtree::Quad;
 use crate::simd::{LANES, Lanes, Row, detect, dispatch};
@@ -357,8 +357,7 @@ impl Walk<'_> {
                 }
                 let active = ahead & depths.cmple(to).bitmask();
                 if active != 0 {
-                    let slopes = block.slopes();
-                    self.met(active, depths, slopes, four, |_, hidden| {
+                    self.met(active, depths, block, four, |_, hidden| {
                         seen.open = seen.open.without(hidden);
                     });
                 }
@@ -395,13 +394,12 @@ impl Walk<'_> {
             }
             let gaps = places.map(|p| p.saturating_sub(1).max(1) as f32);
             let step = (first - depths) / Vec4::from_array(gaps);
-            let slopes = block.slopes();
             for place in 0..most {
                 let depths = first - step * place as f32;
                 let here = (0..4).fold(0, |m, c| m | u32::from(place < places[c]) << c);
                 let active = here & depths.cmpgt(from).bitmask() & depths.cmple(to).bitmask();
                 if active != 0 {
-                    self.met(active, depths, slopes, four, |c, met| {
+                    self.met(active, depths, block, four, |c, met| {
                         // SAFETY: the caller enabled the features of `S`.
                         unsafe { self.attenuate::<S>(met & seen.open, through[c], seen) };
                     });
@@ -416,26 +414,36 @@ impl Walk<'_> {
         &self,
         active: u32,
         depths: Vec4,
-        [gx, gy]: [Vec4; 2],
+        block: &Block,
         four: &Four,
         mut with: impl FnMut(usize, Mask),
     ) {
         let half = Vec4::splat(0.5);
         let size = Vec4::splat(four.size);
-        let (left, upper) = (four.left, four.upper);
-        let (u, v) = (left + size * half, upper + size * half);
-        let mut active = active & self.stand_clear(depths, [gx, gy], u, v, size);
+        // The middle of the part that is filled, from the texel's centre.
+        let (slopes, [[x, y], [hu, hv]]) = if four.size > 1.0 {
+            (block.coarse_slopes(), block.parts())
+        } else {
+            (block.slopes(), [[Vec4::ZERO; 2], [half; 2]])
+        };
+        let [gx, gy] = slopes;
+        let (u, v) = (
+            four.left + size * (half + x),
+            four.upper + size * (half + y),
+        );
+        let active = active & self.stand_clear(depths, [gx, gy], u, v, size);
         if active == 0 {
             return;
         }
-        let (right, lower) = (left + size, upper + size);
-        let (hx, hy) = (gx * half, gy * half);
-        let sides = [left, right, upper, lower];
+        let mut active = active;
+        let (hx, hy) = (gx * hu, gy * hv);
+        let (hu, hv) = (hu * size, hv * size);
+        let sides = [u - hu, u + hu, v - hv, v + hv];
         let at_sides = [depths - hx, depths + hx, depths - hy, depths + hy];
         let behind = at_sides.map(|d| d.cmple(Vec4::ZERO).bitmask());
         let mut sides = sides;
         if (behind[0] | behind[1] | behind[2] | behind[3]) & active != 0 {
-            cut(&mut sides, &at_sides, four.size);
+            cut(&mut sides, &at_sides);
         }
         // Within what the node holds, which bounds planes that rise beyond the surface.
         let high = four.range[1].max(four.range[0]);
@@ -480,18 +488,25 @@ impl Walk<'_> {
     fn stand_clear(&self, depths: Vec4, [gx, gy]: [Vec4; 2], u: Vec4, v: Vec4, size: Vec4) -> u32 {
         let w = depths + Vec4::splat(self.w);
         let next_to = u.abs().cmple(size) & v.abs().cmple(size);
+        let near = next_to.any();
         if self.has_plane {
             let [a, b, c] = self.pencil.plane.map(Vec4::splat);
             let (across, down, up) = (a * u, b * v, c * depths);
-            let margin = (across.abs() + down.abs() + c.abs() * w) * ROUNDING + w * self.how.bias;
-            let rise = ((a * size + c * gx).abs() + (b * size + c * gy).abs()) * 0.5;
-            let margin = margin + Vec4::select(next_to, rise, Vec4::ZERO);
+            let mut margin =
+                (across.abs() + down.abs() + c.abs() * w) * ROUNDING + w * self.how.bias;
+            if near {
+                let rise = ((a * size + c * gx).abs() + (b * size + c * gy).abs()) * 0.5;
+                margin += Vec4::select(next_to, rise, Vec4::ZERO);
+            }
             (across + down + up).cmpgt(margin).bitmask()
         } else {
             let (across, down) = (gx * (u / size), gy * (v / size));
-            let margin = (across.abs() + down.abs() + w) * ROUNDING + w * (self.how.bias * self.w);
-            let rise = (gx.abs() + gy.abs()) * 0.5;
-            let margin = margin + Vec4::select(next_to, rise, Vec4::ZERO);
+            let mut margin =
+                (across.abs() + down.abs() + w) * ROUNDING + w * (self.how.bias * self.w);
+            if near {
+                let rise = (gx.abs() + gy.abs()) * 0.5;
+                margin += Vec4::select(next_to, rise, Vec4::ZERO);
+            }
             (depths - across - down).abs().cmpgt(margin).bitmask()
         }
     }
@@ -542,11 +557,12 @@ const MOST_PLACES: u32 = 16;
 
 /// Moves the sides at which a piece is not before the receiver to where it reaches the receiver's depth.
 #[cold]
-fn cut(sides: &mut [Vec4; 4], depths: &[Vec4; 4], size: f32) {
+fn cut(sides: &mut [Vec4; 4], depths: &[Vec4; 4]) {
     for axis in [0, 2] {
         for c in 0..4 {
             let (a, b) = (depths[axis][c], depths[axis + 1][c]);
             if (a > 0.0) != (b > 0.0) {
+                let size = sides[axis + 1][c] - sides[axis][c];
                 let at = sides[axis][c] + size * (a / (a - b));
                 sides[axis + usize::from(b <= 0.0)][c] = at;
             }

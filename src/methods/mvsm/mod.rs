@@ -165,6 +165,7 @@ impl Method for Mvsm {
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let layers = Layers {
             count: 1,
+            of: 1,
             // Not used: all layers are opaque.
             compression: Compression {
                 error: 0.0,
