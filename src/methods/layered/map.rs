@@ -86,7 +86,7 @@ fn packed(slope: [f32; 2], part: Part) -> u32 {
 /// Slopes up to which no depth changes: twice the power of two that is kept as 1.
 const FLAT: f32 = 1.0 / (1u128 << 95) as f32;
 
-/// A slope, eight bits at the top, as a multiple of what [`unit`] gives.
+/// A slope, eight bits at the top, as a multiple of [`unit()`].
 #[inline(always)]
 fn multiple(packed: u32) -> f32 {
     (packed & 0xff00_0000) as i32 as f32
