@@ -311,7 +311,8 @@ impl<'a> Lookup<'a> {
                 break;
             }
             let sees = !start.0 || (!hidden && !maps.seen.is_empty());
-            if sees && here.x < -here.w - DRAWN {
+            let drawn = if step == 0 { DRAWN } else { 0.0 };
+            if sees && here.x < -here.w - drawn {
                 // It would hide all of the light from a receiver that sees some, from its own place or, as the
                 // reference image knows, in the middle of what was left: it bounds what the receiver lies on.
                 break;
