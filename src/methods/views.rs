@@ -133,6 +133,13 @@ impl View {
         DVec2::new(f64::from(texel % width), f64::from(texel / width)) + 0.5
     }
 
+    /// First corner of the last texel.
+    #[inline(always)]
+    pub fn last(&self) -> DVec2 {
+        let [w, h] = [self.camera.width, self.camera.height].map(|n| f64::from(n - 1));
+        DVec2::new(w, h)
+    }
+
     /// Index of the texel that holds an image point.
     #[inline(always)]
     pub fn texel(&self, q: DVec2) -> Option<usize> {

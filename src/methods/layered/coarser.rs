@@ -49,10 +49,8 @@ pub fn coarser(level: &Level, k: usize, number: u32) -> Level {
             }
             let planes = fine.iter().map_while(|block| plane(block, from));
             for (to, mut plane) in layers.iter_mut().zip(planes) {
-                let center = moved(plane.at_center(), plane.slope, place(from));
-                plane.slope = plane.slope.map(|s| 2.0 * s);
-                plane.inverse_depth = before_horizon(center + plane.rise(), center);
-                to.set_plane(child, &plane);
+                plane.inverse_depth = moved(plane.at_center(), plane.slope, place(from));
+                to.set_plane(child, &halved(plane));
             }
         }
     };
@@ -82,6 +80,14 @@ fn place(child: usize) -> [f32; 2] {
 fn moved(inverse_depth: f32, slope: [f32; 2], place: [f32; 2]) -> f32 {
     let moved = inverse_depth - (slope[0] * place[0] + slope[1] * place[1]);
     before_horizon(moved, inverse_depth)
+}
+
+/// A plane at half the resolution, from its inverse depth at the texel's centre.
+fn halved(mut plane: Plane) -> Plane {
+    let center = plane.inverse_depth;
+    plane.slope = plane.slope.map(|s| 2.0 * s);
+    plane.inverse_depth = before_horizon(center + plane.rise(), center);
+    plane
 }
 
 /// A plane may reach beyond the eye's horizon within a texel; nothing does.
@@ -188,13 +194,11 @@ impl Surface {
         let slope = self.slope.map(|s| s * each);
         let place = self.place.map(|p| p * each);
         let center = moved(self.inverse_depth * each, slope, place);
-        let mut plane = Plane {
+        Some(halved(Plane {
             inverse_depth: center,
-            slope: slope.map(|s| 2.0 * s),
+            slope,
             part,
-        };
-        plane.inverse_depth = before_horizon(center + plane.rise(), center);
-        Some(plane)
+        }))
     }
 
     /// A rectangle, in quarters, that has the same area in the mean over random bits.

@@ -1,8 +1,9 @@
 //! Groups of receivers of which most are far from any shadow: those that nothing hides are found together.
 //!
 //! A block of pixels on one triangle, where the map shows nothing but this triangle and is far from any edge, is free
-//! as a whole ([`Cells`]): no surface hides itself. In other groups ([`Group`]), the same that a lookup by itself finds first, from the same numbers: all four texels around a receiver saw what
-//! hides nothing of it, far from any edge. Places and planes are found in registers, for all of a group.
+//! as a whole ([`Cells`]): no surface hides itself. In other groups ([`Group`]), the same that a lookup by itself
+//! finds first, from the same numbers: all four texels around a receiver saw what hides nothing of it, far from any
+//! edge. Places and planes are found in registers, for all of a group.
 
 use std::ops::Range;
 
@@ -61,12 +62,8 @@ impl Cells {
             (low, high) = (low.min(q), high.max(q));
         }
         // A lookup interpolates between texels up to one away.
-        let last = DVec2::new(
-            f64::from(view.camera.width - 1),
-            f64::from(view.camera.height - 1),
-        );
         let cell = |q: DVec2| {
-            let q = q.clamp(DVec2::ZERO, last);
+            let q = q.clamp(DVec2::ZERO, view.last());
             (q.x as u32 / CELL, q.y as u32 / CELL)
         };
         let ((x0, y0), (x1, y1)) = (cell(low - 1.0), cell(high + 1.0));

@@ -70,10 +70,7 @@ impl Receiver {
 /// First corners of the four texels around an image point, and the point's part of the way from the first to the last.
 #[inline(always)]
 pub(super) fn around(view: &View, at: DVec2) -> ([DVec2; 4], DVec2) {
-    let last = DVec2::new(
-        f64::from(view.camera.width - 1),
-        f64::from(view.camera.height - 1),
-    );
+    let last = view.last();
     let corner = at - 0.5;
     // In two steps, since `floor` is a call where the instruction set is not known to have it.
     let base = DVec2::new(
