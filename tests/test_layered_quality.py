@@ -56,10 +56,10 @@ def test_oblique_surfaces_leak_without_slopes_and_a_thickness_trades_leaks_for_u
     exact = _traced(setup)
     ground = exact.mesh_id == 0
     mean, bias, _ = _errors(setup, exact, ground, ss.Mtsm(1024, 5))
-    # Of the coarser levels (measured: 0.0020, and 0.0002 without them).
-    assert mean < 0.003
+    # Of the coarser levels (measured: 0.0014, and 0.0002 without them).
+    assert mean < 0.002
     assert _errors(setup, exact, ground, ss.Mtsm(1024, 5, detail=1000))[0] < 0.0005
-    # Measured: 0.0141, 0.0071 and 0.0087; biases 0.0110, 0.0014 and -0.0085.
+    # Measured: 0.0149, 0.0074 and 0.0080; biases 0.0123, 0.0022 and -0.0076, to 0.0010 with slopes.
     leaking, middle, thick = (
         _errors(setup, exact, ground, ss.Mtsm(1024, 5, z_threshold=z), depths_only=True)
         for z in (0.0, 0.02, 0.08)
@@ -67,7 +67,7 @@ def test_oblique_surfaces_leak_without_slopes_and_a_thickness_trades_leaks_for_u
     assert middle[0] > 3 * mean
     assert leaking[0] > 1.5 * middle[0] < 1.5 * thick[0]
     assert leaking[1] > 10 * abs(bias)
-    assert thick[1] < -10 * abs(bias)
+    assert thick[1] < -5 * abs(bias)
 
 
 def test_contact_shadows_begin_at_the_contact():
@@ -128,8 +128,8 @@ def test_coarser_levels_cost_accuracy():
     coarse, default, fine = (
         _errors(setup, exact, partly, ss.Mtsm(1024, 5, detail=d))[0] for d in (4, 20, 64)
     )
-    # Measured: 0.033, 0.0082 and 0.0044.
-    assert fine < default < 0.4 * coarse
+    # Measured: 0.0066, 0.0033 and 0.0030 (0.0031 with all levels told apart).
+    assert fine < default < 0.6 * coarse
 
 
 def test_a_thickness_darkens_and_a_bias_brightens():
@@ -145,8 +145,8 @@ def test_a_thickness_darkens_and_a_bias_brightens():
     assert lifted.mean() > plain.mean() + 0.0003
 
 
-@pytest.mark.parametrize(("resolutions", "most"), [((64,), 9), ((500, 512, 520, 600, 1024), 5)])
-def test_an_oblique_ground_does_not_shadow_itself(resolutions, most):
+@pytest.mark.parametrize("resolution", [64, 500, 512, 520, 600, 1024])
+def test_an_oblique_ground_does_not_shadow_itself(resolution):
     scene = ss.Scene()
     scene.add(quad((0, 0, 0), (6, 0, 0), (0, 6, 0)), "ground")
     scene.add(quad((0, 0, 0.4), (0.3, 0, 0), (0, 0.3, 0)), "board")
@@ -154,15 +154,13 @@ def test_an_oblique_ground_does_not_shadow_itself(resolutions, most):
     x, y = np.meshgrid(np.linspace(-2.5, 2.5, 80), np.linspace(-2.5, 2.5, 80))
     points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     normals = np.broadcast_to((0.0, 0.0, 1.0), points.shape)
-    traced = ss.visibility(scene, points, normals, light, REFERENCE)
-    lit = traced == 1
+    lit = ss.visibility(scene, points, normals, light, REFERENCE) == 1
     assert lit.sum() > 6000
-    dark = 0
-    for resolution in resolutions:
-        found = ss.visibility(scene, points, normals, light, ss.Mtsm(resolution, 4))
-        dark += (found[lit] < 1).sum()
-        assert found[lit].min() >= 1 - 2 / 256
-    # Texels reach half of one past the board: 0.0025 of 64, some 2.5 times as much on the ground,
-    # along 6 of the shadow's rim; points there have 0.004 each (measured: none, and 3 in all, of
-    # one sample each). An eighth of that at the finer resolutions, 1 each.
-    assert dark <= most
+    found = ss.visibility(scene, points, normals, light, ss.Mtsm(resolution, 4))
+    for point in points[lit & (found < 1)]:
+        # Nothing but segments that pass the board's edge closely. A texel that is told apart has
+        # 1/18 of the light: 0.019 at the board, which is at 4/7 of the way (one of 64 is smaller).
+        # Pieces are right to a quarter of it (measured: 0.003).
+        on_light, _, _ = ss.kernels.light_samples(light, point, 256)
+        crossing = point + (on_light - point) * (0.4 / on_light[:, 2:])
+        assert (np.abs(crossing[:, :2]).max(axis=-1) - 0.15).min() < 0.019 / 4

@@ -102,8 +102,9 @@ fn before_horizon(inverse_depth: f32, otherwise: f32) -> f32 {
 /// Puts surfaces into a texel, the nearest first.
 fn put(surfaces: &[Surface], bits: u32, layers: &mut [Block], child: usize) {
     let mut filled = 0;
-    for (n, surface) in surfaces.iter().enumerate() {
-        let Some(plane) = surface.plane(hash(bits, n as u32, 0)) else {
+    for surface in surfaces {
+        // The same bits for all: the front and the back of a body fill the same part.
+        let Some(plane) = surface.plane(bits) else {
             continue;
         };
         let mut to = filled;

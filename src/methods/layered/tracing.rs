@@ -11,7 +11,8 @@
 //! middles of its sides, which neighbours on one plane share.
 //!
 //! **Coarser maps.** Where a texel, seen from the receiver, is less than a chosen part of the light, the walk
-//! ends at a coarser level. Each level answers for a band of depths, half-open, so that no surface counts twice.
+//! ends at a coarser level. Each level answers for a band of depths, half-open, so that no surface counts twice. Where
+//! the outline of a body passes, the pieces of the finer levels answer for that band, up to `FINER` levels down.
 //!
 //! **Bias.** A receiver lies on a surface that is in the map. A piece counts only if its middle is above the
 //! receiver's tangent plane, by more than rounding, and, next to the receiver, by more than what the piece
@@ -24,8 +25,8 @@ use glam::{DVec3, Vec4};
 
 use super::map::{Block, LayerMap, Level};
 use super::masks::{Axis, BINS, Mask};
-use super::quadtree::Quad;
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use super::quadtree::{OUTLINE, Quad};
+use crate::simd::{LANES, Lanes, Row, detect, dispatch, prefetch};
 
 /// Relative rounding of the receiver's and the pieces' coordinates: some ulps of an `f32`.
 const ROUNDING: f32 = 8.0 * f32::EPSILON;
@@ -35,6 +36,10 @@ const TINY: f32 = 1e-30;
 
 /// Adding it to a number from 0 to 2²² leaves the nearest whole number in the low bits.
 const WHOLE: f32 = (1 << 23) as f32;
+
+/// Levels by which outlines are looked at finer than the rest. On the statue two take a quarter of the error over the
+/// penumbra for a quarter more time; all levels, a third.
+const FINER: u32 = 2;
 
 /// How segments are traced.
 #[derive(Debug, Clone, Copy)]
@@ -103,8 +108,19 @@ impl Seen {
     }
 }
 
-/// Nodes whose children are still to be looked at: the children's level, and their parent's place.
-pub type Stack = Vec<(u32, u32, u32)>;
+/// Siblings that are still to be looked at.
+#[derive(Debug, Clone, Copy)]
+pub struct Siblings {
+    level: u32,
+    /// Place of their parent.
+    x: u32,
+    y: u32,
+    /// For so many levels above they answer, too.
+    finer: u32,
+}
+
+/// Where a walk has still to go.
+pub type Stack = Vec<Siblings>;
 
 /// Removes from `seen` what the map hides of a pencil's samples.
 pub fn trace(
@@ -167,13 +183,18 @@ unsafe fn trace_lanes<S: Lanes>(
     let transparent = map.is_transparent();
     let top = map.levels.len() as u32 - 1;
     stack.clear();
-    stack.push((top, 0, 0));
-    while let Some((level, x, y)) = stack.pop() {
+    stack.push(Siblings {
+        level: top,
+        x: 0,
+        y: 0,
+        finer: 0,
+    });
+    while let Some(siblings) = stack.pop() {
         if seen.open.is_empty() {
             return;
         }
         // SAFETY: the caller enabled the features of `S`.
-        unsafe { walk.siblings::<S>(level, x, y, level == top, transparent, seen, stack) };
+        unsafe { walk.siblings::<S>(siblings, siblings.level == top, transparent, seen, stack) };
     }
 }
 
@@ -187,19 +208,17 @@ impl Walk<'_> {
         }
     }
 
-    /// Looks at the four children of node `(x, y)`, which are of `level`.
+    /// Looks at four siblings.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "one call, inlined")]
     unsafe fn siblings<S: Lanes>(
         &self,
-        level: u32,
-        x: u32,
-        y: u32,
+        siblings: Siblings,
         top: bool,
         transparent: bool,
         seen: &mut Seen,
         stack: &mut Stack,
     ) {
+        let Siblings { level, x, y, finer } = siblings;
         let data = &self.map.levels[level as usize];
         let across = data.width.div_ceil(2);
         let quad: &Quad = &data.quads[y as usize * across + x as usize];
@@ -207,7 +226,11 @@ impl Walk<'_> {
         let wide = self.band * size;
         let (from, to) = (
             if level == 0 { 0.0 } else { 0.5 * wide },
-            if top { f32::MAX } else { wide },
+            if top {
+                f32::MAX
+            } else {
+                wide * (1u32 << finer) as f32
+            },
         );
         let w = Vec4::splat(self.w);
         let end = self.pencil.end - self.w;
@@ -303,15 +326,30 @@ impl Walk<'_> {
                     continue;
                 }
             }
-            if near[i] > from {
+            let outline = level > 0 && finer < FINER && cover_low[i] == OUTLINE;
+            if near[i] > from && !outline {
                 leaves |= 1 << i;
             }
-            if level > 0 && far[i] <= from {
+            if level > 0 && (far[i] <= from || outline) {
                 let count = met.count();
                 if count >= most {
                     (most, last) = (count, stack.len());
                 }
-                stack.push((level - 1, 2 * x + (i as u32 & 1), 2 * y + (i as u32 >> 1)));
+                let next = Siblings {
+                    level: level - 1,
+                    x: 2 * x + (i as u32 & 1),
+                    y: 2 * y + (i as u32 >> 1),
+                    finer: if outline && near[i] > from {
+                        finer + 1
+                    } else {
+                        0
+                    },
+                };
+                stack.push(next);
+                let below = &self.map.levels[next.level as usize];
+                let at = next.y as usize * below.width.div_ceil(2) + next.x as usize;
+                prefetch(&below.quads, at);
+                prefetch(&below.blocks, at * self.map.layers);
             }
         }
         if leaves != 0 {
