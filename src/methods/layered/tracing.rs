@@ -208,6 +208,16 @@ impl Walk<'_> {
         }
     }
 
+    /// The samples in the bins from `u0` to before `u1` and from `v0` to before `v1`, of one of four.
+    #[inline(always)]
+    fn within(&self, [u0, u1, v0, v1]: &[[u32; 4]; 4], i: usize) -> Mask {
+        if u0[i] < u1[i] && v0[i] < v1[i] {
+            self.among([u0[i], u1[i]], [v0[i], v1[i]])
+        } else {
+            Mask::NONE
+        }
+    }
+
     /// Looks at four siblings.
     #[inline(always)]
     unsafe fn siblings<S: Lanes>(
@@ -261,17 +271,32 @@ impl Walk<'_> {
                 return;
             }
         }
-        let (inverse_far, inverse_near) = (far.recip(), near.recip());
         let [su, sv] = self.scale.map(Vec4::splat);
         let [ou, ov] = self.offset.map(Vec4::splat);
         let half = Vec4::splat(0.5);
         let sides = (left, right, upper, lower);
         let (left, right) = (left * su, right * su);
         let (upper, lower) = (upper * sv, lower * sv);
-        let u0 = bins((left * inverse_far).min(left * inverse_near) - ou - half);
-        let u1 = bins((right * inverse_far).max(right * inverse_near) - ou + half);
-        let v0 = bins((upper * inverse_far).min(upper * inverse_near) - ov - half);
-        let v1 = bins((lower * inverse_far).max(lower * inverse_near) - ov + half);
+        // The slopes under which what lies before `near` may be seen.
+        let slopes = |near: Vec4| {
+            let (inverse_far, inverse_near) = (far.recip(), near.recip());
+            [
+                bins((left * inverse_far).min(left * inverse_near) - ou - half),
+                bins((right * inverse_far).max(right * inverse_near) - ou + half),
+                bins((upper * inverse_far).min(upper * inverse_near) - ov - half),
+                bins((lower * inverse_far).max(lower * inverse_near) - ov + half),
+            ]
+        };
+        let all = slopes(near);
+        // What finer levels answer for is seen under less of them.
+        let nearer = if level > 0
+            && (near.cmpgt(Vec4::splat(from)).bitmask() & far.cmple(Vec4::splat(from)).bitmask())
+                != 0
+        {
+            slopes(near.min(Vec4::splat(from)))
+        } else {
+            all
+        };
         let cover_low = Vec4::from_array(quad.cover_low);
         let cover_high = Vec4::from_array(quad.cover_high);
         // A cover that is no thicker than it is far from the receiver.
@@ -308,19 +333,17 @@ impl Walk<'_> {
         // The children whose own pieces are to be looked at.
         let mut leaves = 0;
         for i in 0..4 {
-            if some >> i & 1 == 0 || u0[i] >= u1[i] || v0[i] >= v1[i] {
+            if some >> i & 1 == 0 {
                 continue;
             }
-            let met = self.among([u0[i], u1[i]], [v0[i], v1[i]]) & seen.open;
+            let met = self.within(&all, i) & seen.open;
             if met.is_empty() {
                 continue;
             }
-            if let Some([u0, u1, v0, v1]) = &sure
+            if let Some(sure) = &sure
                 && covered >> i & 1 == 1
-                && u0[i] < u1[i]
-                && v0[i] < v1[i]
             {
-                let hidden = self.among([u0[i], u1[i]], [v0[i], v1[i]]);
+                let hidden = self.within(sure, i);
                 seen.open = seen.open.without(hidden);
                 if met.without(hidden).is_empty() {
                     continue;
@@ -331,6 +354,14 @@ impl Walk<'_> {
                 leaves |= 1 << i;
             }
             if level > 0 && (far[i] <= from || outline) {
+                let met = if outline {
+                    met
+                } else {
+                    self.within(&nearer, i) & seen.open
+                };
+                if met.is_empty() {
+                    continue;
+                }
                 let count = met.count();
                 if count >= most {
                     (most, last) = (count, stack.len());
@@ -515,9 +546,7 @@ impl Walk<'_> {
         while active != 0 {
             let c = active.trailing_zeros() as usize & 3;
             active &= active - 1;
-            if u0[c] < u1[c] && v0[c] < v1[c] {
-                with(c, self.among([u0[c], u1[c]], [v0[c], v1[c]]));
-            }
+            with(c, self.within(&[u0, u1, v0, v1], c));
         }
     }
 
