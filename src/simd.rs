@@ -6,6 +6,8 @@
 
 use std::sync::OnceLock;
 
+use glam::Vec4;
+
 /// Lanes in a vector.
 pub const LANES: usize = 16;
 
@@ -71,6 +73,16 @@ pub trait Lanes: Copy {
     /// # Safety
     /// See the trait.
     unsafe fn load(row: &Row) -> Self;
+    /// Four lanes after four lanes.
+    ///
+    /// # Safety
+    /// See the trait.
+    unsafe fn join(four: [Vec4; 4]) -> Self;
+    /// Lanes 0 to 3 change places with 4 to 7, and 8 to 11 with 12 to 15.
+    ///
+    /// # Safety
+    /// See the trait.
+    unsafe fn swap_fours(self) -> Self;
     /// Stores a row.
     ///
     /// # Safety
@@ -151,6 +163,14 @@ impl Lanes for Row {
     #[inline(always)]
     unsafe fn load(row: &Row) -> Self {
         *row
+    }
+    #[inline(always)]
+    unsafe fn join(four: [Vec4; 4]) -> Self {
+        Row(std::array::from_fn(|i| four[i / 4][i % 4]))
+    }
+    #[inline(always)]
+    unsafe fn swap_fours(self) -> Self {
+        Row(std::array::from_fn(|i| self.0[i ^ 4]))
     }
     #[inline(always)]
     unsafe fn store(self, row: &mut Row) {
@@ -239,6 +259,7 @@ pub use x86::{Avx2, Avx512};
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::{Lanes, Row};
+    use glam::Vec4;
     use std::arch::x86_64::*;
 
     /// One AVX-512 register.
@@ -269,6 +290,21 @@ mod x86 {
         unsafe fn load(row: &Row) -> Self {
             // SAFETY: the caller enabled AVX-512; a row is aligned to 64 bytes.
             unsafe { Avx512(_mm512_load_ps(row.0.as_ptr())) }
+        }
+        #[inline(always)]
+        unsafe fn join([a, b, c, d]: [Vec4; 4]) -> Self {
+            // SAFETY: the caller enabled AVX-512.
+            unsafe {
+                let low = _mm512_castps128_ps512(a.into());
+                let low = _mm512_insertf32x4::<1>(low, b.into());
+                let low = _mm512_insertf32x4::<2>(low, c.into());
+                Avx512(_mm512_insertf32x4::<3>(low, d.into()))
+            }
+        }
+        #[inline(always)]
+        unsafe fn swap_fours(self) -> Self {
+            // SAFETY: the caller enabled AVX-512.
+            unsafe { Avx512(_mm512_shuffle_f32x4::<0b10_11_00_01>(self.0, self.0)) }
         }
         #[inline(always)]
         unsafe fn store(self, row: &mut Row) {
@@ -348,6 +384,26 @@ mod x86 {
                 Avx2(
                     _mm256_load_ps(row.0.as_ptr()),
                     _mm256_load_ps(row.0.as_ptr().add(8)),
+                )
+            }
+        }
+        #[inline(always)]
+        unsafe fn join([a, b, c, d]: [Vec4; 4]) -> Self {
+            // SAFETY: the caller enabled AVX2.
+            unsafe {
+                Avx2(
+                    _mm256_set_m128(b.into(), a.into()),
+                    _mm256_set_m128(d.into(), c.into()),
+                )
+            }
+        }
+        #[inline(always)]
+        unsafe fn swap_fours(self) -> Self {
+            // SAFETY: the caller enabled AVX2.
+            unsafe {
+                Avx2(
+                    _mm256_permute2f128_ps::<1>(self.0, self.0),
+                    _mm256_permute2f128_ps::<1>(self.1, self.1),
                 )
             }
         }

@@ -108,8 +108,8 @@ pub struct Axis {
     pub low: f32,
     /// Largest less least; not zero.
     pub extent: f32,
-    /// The samples in the bins below each bin.
-    below: Box<[Mask; BINS + 1]>,
+    /// The samples in the bins below each bin; a power of two, so that indices need no check.
+    below: Box<[Mask; 2 * BINS]>,
 }
 
 impl Default for Axis {
@@ -117,7 +117,7 @@ impl Default for Axis {
         Axis {
             low: 0.0,
             extent: 1.0,
-            below: Box::new([Mask::NONE; BINS + 1]),
+            below: Box::new([Mask::NONE; 2 * BINS]),
         }
     }
 }
@@ -153,13 +153,11 @@ impl Axis {
         self.below[BINS] = all;
     }
 
-    /// The samples in the bins from `from` on and below `to`.
+    /// The samples in the bins from `from` on and below `to`, none if that is not larger; both are at most [`BINS`].
     #[inline(always)]
     pub fn between(&self, from: u32, to: u32) -> Mask {
-        let table = &*self.below;
-        // Callers clamp to the table's range; the mask of bits lets the compiler know.
-        let (from, to) = ((from as usize).min(BINS), (to as usize).min(BINS));
-        table[to].without(table[from])
+        let at = |bin: u32| self.below[bin as usize % (2 * BINS)];
+        at(to).without(at(from))
     }
 }
 

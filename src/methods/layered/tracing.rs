@@ -142,19 +142,56 @@ struct Walk<'a> {
     /// Whole and fractional part of the receiver's column and row.
     place: [f64; 2],
     w: f32,
-    /// From slopes to bins: factors and offsets.
-    scale: [f32; 2],
-    offset: [f32; 2],
+    /// From slopes to bins: factors and offsets, of four left, right, upper and lower sides.
+    scale: Row,
+    offset: Row,
     /// Depth over the receiver up to which the finest level answers; each coarser one up to twice as much.
     band: f32,
     has_plane: bool,
 }
 
-/// Four numbers to the nearest whole ones, within a table's range.
-#[inline(always)]
-fn bins(x: Vec4) -> [u32; 4] {
-    let x = x.max(Vec4::ZERO).min(Vec4::splat(BINS as f32)) + Vec4::splat(WHOLE);
-    x.to_array().map(|b| b.to_bits() & 0x3ff)
+/// For four left, right, upper and lower sides: one step outward.
+const OUTWARD: Row = four_sides([-1.0, 1.0, -1.0, 1.0]);
+
+/// The lanes of left and upper sides.
+const FIRST: u16 = 0x0f0f;
+
+/// A value for four left, right, upper and lower sides.
+const fn four_sides(values: [f32; 4]) -> Row {
+    let mut row = [0.0; LANES];
+    let mut i = 0;
+    while i < LANES {
+        row[i] = values[i / 4];
+        i += 1;
+    }
+    Row(row)
+}
+
+/// Bins of four left, right, upper and lower sides of rectangles.
+#[derive(Clone, Copy)]
+struct Bins(Row);
+
+impl Bins {
+    /// From coordinates: the nearest whole numbers within a table's range.
+    ///
+    /// # Safety
+    /// The features of `S` are enabled.
+    #[inline(always)]
+    unsafe fn new<S: Lanes>(x: S) -> Self {
+        let mut bins = Row::default();
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let within = x.max(S::splat(0.0)).min(S::splat(BINS as f32));
+            within.add(S::splat(WHOLE)).store(&mut bins);
+        }
+        Bins(bins)
+    }
+
+    /// Sides of one of the rectangles.
+    #[inline(always)]
+    fn sides(&self, i: usize) -> [u32; 4] {
+        [0, 4, 8, 12].map(|side| self.0.0[side + i].to_bits() & 0x1ff)
+    }
 }
 
 /// Compiled once per instruction set, for its 256-bit operations.
@@ -175,8 +212,11 @@ unsafe fn trace_lanes<S: Lanes>(
         pencil,
         place: [pencil.start.x, pencil.start.y],
         w: pencil.start.z as f32,
-        scale,
-        offset: [low_u * scale[0], low_v * scale[1]],
+        scale: four_sides([scale[0], scale[0], scale[1], scale[1]]),
+        offset: {
+            let [u, v] = [low_u * scale[0], low_v * scale[1]];
+            four_sides([u, u, v, v])
+        },
         band: how.detail / extent_u.max(extent_v),
         has_plane: pencil.plane != [0.0; 3],
     };
@@ -199,22 +239,46 @@ unsafe fn trace_lanes<S: Lanes>(
 }
 
 impl Walk<'_> {
-    /// The samples in some bins, from the first to before the second.
+    /// The samples in one of four rectangles.
     #[inline(always)]
-    fn among(&self, columns: [u32; 2], rows: [u32; 2]) -> Mask {
+    fn within(&self, bins: &Bins, i: usize) -> Mask {
+        let [u0, u1, v0, v1] = bins.sides(i);
         match self.pencil.axes {
-            Some([u, v]) => u.between(columns[0], columns[1]) & v.between(rows[0], rows[1]),
-            None => !Mask::NONE,
+            Some([u, v]) => u.between(u0, u1) & v.between(v0, v1),
+            None if u0 < u1 && v0 < v1 => !Mask::NONE,
+            None => Mask::NONE,
         }
     }
 
-    /// The samples in the bins from `u0` to before `u1` and from `v0` to before `v1`, of one of four.
+    /// The slopes under which what lies in four nodes, between two depths over the receiver, may be seen.
+    ///
+    /// # Safety
+    /// The features of `S` are enabled.
     #[inline(always)]
-    fn within(&self, [u0, u1, v0, v1]: &[[u32; 4]; 4], i: usize) -> Mask {
-        if u0[i] < u1[i] && v0[i] < v1[i] {
-            self.among([u0[i], u1[i]], [v0[i], v1[i]])
-        } else {
-            Mask::NONE
+    unsafe fn widest<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let sides = S::join(sides).mul(S::load(&self.scale));
+            let a = sides.mul(S::join([far.recip(); 4]));
+            let b = sides.mul(S::join([near.recip(); 4]));
+            let slopes = a.min(b).select(FIRST, a.max(b)).sub(S::load(&self.offset));
+            Bins::new(slopes.add(S::load(&OUTWARD).mul(S::splat(0.5))))
+        }
+    }
+
+    /// Those under which it surely is, if it covers the nodes.
+    ///
+    /// # Safety
+    /// The features of `S` are enabled.
+    #[inline(always)]
+    unsafe fn least<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let sides = S::join(sides).mul(S::load(&self.scale));
+            let a = sides.mul(S::join([far.recip(); 4]));
+            let b = sides.mul(S::join([near.recip(); 4]));
+            let slopes = a.max(b).select(FIRST, a.min(b)).sub(S::load(&self.offset));
+            Bins::new(slopes.sub(S::load(&OUTWARD).mul(S::splat(0.5))))
         }
     }
 
@@ -271,29 +335,15 @@ impl Walk<'_> {
                 return;
             }
         }
-        let [su, sv] = self.scale.map(Vec4::splat);
-        let [ou, ov] = self.offset.map(Vec4::splat);
         let half = Vec4::splat(0.5);
-        let sides = (left, right, upper, lower);
-        let (left, right) = (left * su, right * su);
-        let (upper, lower) = (upper * sv, lower * sv);
-        // The slopes under which what lies before `near` may be seen.
-        let slopes = |near: Vec4| {
-            let (inverse_far, inverse_near) = (far.recip(), near.recip());
-            [
-                bins((left * inverse_far).min(left * inverse_near) - ou - half),
-                bins((right * inverse_far).max(right * inverse_near) - ou + half),
-                bins((upper * inverse_far).min(upper * inverse_near) - ov - half),
-                bins((lower * inverse_far).max(lower * inverse_near) - ov + half),
-            ]
-        };
-        let all = slopes(near);
+        let sides = [left, right, upper, lower];
+        // SAFETY: the caller enabled the features of `S`, here and below.
+        let all = unsafe { self.widest::<S>(sides, far, near) };
         // What finer levels answer for is seen under less of them.
-        let nearer = if level > 0
-            && (near.cmpgt(Vec4::splat(from)).bitmask() & far.cmple(Vec4::splat(from)).bitmask())
-                != 0
-        {
-            slopes(near.min(Vec4::splat(from)))
+        let straddle =
+            near.cmpgt(Vec4::splat(from)).bitmask() & far.cmple(Vec4::splat(from)).bitmask();
+        let nearer = if level > 0 && straddle != 0 {
+            unsafe { self.widest::<S>(sides, far, near.min(Vec4::splat(from))) }
         } else {
             all
         };
@@ -309,7 +359,6 @@ impl Walk<'_> {
         };
         // All of it is above the tangent plane, as a piece's middle has to be.
         if self.has_plane && covered != 0 {
-            let (left, right, upper, lower) = sides;
             let [a, b, c] = self.pencil.plane.map(Vec4::splat);
             let (low, high) = (c * (cover_low - w), c * (cover_high - w));
             let height = (a * left).min(a * right) + (b * upper).min(b * lower) + low.min(high);
@@ -318,13 +367,7 @@ impl Walk<'_> {
             covered &= height.cmpgt(margin).bitmask();
         }
         let sure = if covered != 0 {
-            let (far, near) = ((cover_low - w).recip(), (cover_high - w).recip());
-            Some([
-                bins((left * far).max(left * near) - ou + half),
-                bins((right * far).min(right * near) - ou - half),
-                bins((upper * far).max(upper * near) - ov + half),
-                bins((lower * far).min(lower * near) - ov - half),
-            ])
+            Some(unsafe { self.least::<S>(sides, cover_low - w, cover_high - w) })
         } else {
             None
         };
@@ -426,9 +469,12 @@ impl Walk<'_> {
                 }
                 let active = ahead & depths.cmple(to).bitmask();
                 if active != 0 {
-                    self.met(active, depths, block, four, |_, hidden| {
-                        seen.open = seen.open.without(hidden);
-                    });
+                    // SAFETY: the caller enabled the features of `S`.
+                    unsafe {
+                        self.met::<S>(active, depths, block, four, |_, hidden| {
+                            seen.open = seen.open.without(hidden);
+                        });
+                    }
                 }
                 continue;
             }
@@ -468,10 +514,12 @@ impl Walk<'_> {
                 let here = (0..4).fold(0, |m, c| m | u32::from(place < places[c]) << c);
                 let active = here & depths.cmpgt(from).bitmask() & depths.cmple(to).bitmask();
                 if active != 0 {
-                    self.met(active, depths, block, four, |c, met| {
-                        // SAFETY: the caller enabled the features of `S`.
-                        unsafe { self.attenuate::<S>(met & seen.open, through[c], seen) };
-                    });
+                    // SAFETY: the caller enabled the features of `S`.
+                    unsafe {
+                        self.met::<S>(active, depths, block, four, |c, met| {
+                            self.attenuate::<S>(met & seen.open, through[c], seen);
+                        });
+                    }
                 }
             }
         }
@@ -479,7 +527,7 @@ impl Walk<'_> {
 
     /// Calls `with` for the active ones of four pieces, and the samples whose segments cross them.
     #[inline(always)]
-    fn met(
+    unsafe fn met<S: Lanes>(
         &self,
         active: u32,
         depths: Vec4,
@@ -507,46 +555,46 @@ impl Walk<'_> {
         let mut active = active;
         let (hx, hy) = (gx * hu, gy * hv);
         let (hu, hv) = (hu * size, hv * size);
-        let sides = [u - hu, u + hu, v - hv, v + hv];
-        let at_sides = [depths - hx, depths + hx, depths - hy, depths + hy];
-        let behind = at_sides.map(|d| d.cmple(Vec4::ZERO).bitmask());
-        let mut sides = sides;
-        if (behind[0] | behind[1] | behind[2] | behind[3]) & active != 0 {
-            cut(&mut sides, &at_sides);
-        }
-        // Within what the node holds, which bounds planes that rise beyond the surface.
-        let high = four.range[1].max(four.range[0]);
-        let at_sides = at_sides.map(|d| d.max(four.range[0]).min(high));
-        let [su, sv] = self.scale.map(Vec4::splat);
-        let [ou, ov] = self.offset.map(Vec4::splat);
-        let scaled = [sides[0] * su, sides[1] * su, sides[2] * sv, sides[3] * sv];
-        let mut low = [Vec4::ZERO; 4];
-        for i in 0..4 {
-            low[i] = scaled[i] / at_sides[i];
-        }
-        let mut far = low;
-        if self.how.thickness > 0.0 {
-            for i in 0..4 {
-                let w = Vec4::splat(self.w) + at_sides[i];
-                let thick = w * w * self.how.thickness;
-                let other = [
-                    at_sides[i] + thick,
-                    (at_sides[i] - thick).max(Vec4::splat(TINY)),
-                ];
-                for depths in other {
-                    let x = scaled[i] / depths;
-                    (low[i], far[i]) = (low[i].min(x), far[i].max(x));
-                }
+        // SAFETY: the caller enabled the features of `S`.
+        let bins = unsafe {
+            let outward = S::load(&OUTWARD);
+            let halves = S::join([hu, hu, hv, hv]);
+            let mut sides = S::join([u, u, v, v]).add(halves.mul(outward));
+            let rise = S::join([hx, hx, hy, hy]);
+            let mut at_sides = S::join([depths; 4]).add(rise.mul(outward));
+            let behind = at_sides.le(S::splat(0.0));
+            if u32::from(behind | behind >> 4 | behind >> 8 | behind >> 12) & active != 0 {
+                let (mut cut_sides, mut cut_depths) = (Row::default(), Row::default());
+                sides.store(&mut cut_sides);
+                at_sides.store(&mut cut_depths);
+                cut(&mut cut_sides, &cut_depths);
+                sides = S::load(&cut_sides);
             }
-        }
-        let u0 = bins(low[0].min(low[1]) - ou);
-        let u1 = bins(far[0].max(far[1]) - ou);
-        let v0 = bins(low[2].min(low[3]) - ov);
-        let v1 = bins(far[2].max(far[3]) - ov);
+            // Within what the node holds, which bounds planes that rise beyond the surface.
+            let [least, most] = four.range;
+            at_sides = at_sides
+                .max(S::join([least; 4]))
+                .min(S::join([most.max(least); 4]));
+            let scaled = sides.mul(S::load(&self.scale));
+            let at = scaled.div(at_sides);
+            let (mut least, mut most) = (at, at);
+            if self.how.thickness > 0.0 {
+                let w = S::splat(self.w).add(at_sides);
+                let thick = w.mul(w).mul(S::splat(self.how.thickness));
+                let behind = scaled.div(at_sides.add(thick));
+                let before = scaled.div(at_sides.sub(thick).max(S::splat(TINY)));
+                (least, most) = (at.min(behind).min(before), at.max(behind).max(before));
+            }
+            // A steep piece may show its sides in either order.
+            let widest = least
+                .min(least.swap_fours())
+                .select(FIRST, most.max(most.swap_fours()));
+            Bins::new(widest.sub(S::load(&self.offset)))
+        };
         while active != 0 {
             let c = active.trailing_zeros() as usize & 3;
             active &= active - 1;
-            with(c, self.within(&[u0, u1, v0, v1], c));
+            with(c, self.within(&bins, c));
         }
     }
 
@@ -624,14 +672,14 @@ const MOST_PLACES: u32 = 16;
 
 /// Moves the sides at which a piece is not before the receiver to where it reaches the receiver's depth.
 #[cold]
-fn cut(sides: &mut [Vec4; 4], depths: &[Vec4; 4]) {
-    for axis in [0, 2] {
-        for c in 0..4 {
-            let (a, b) = (depths[axis][c], depths[axis + 1][c]);
+fn cut(sides: &mut Row, depths: &Row) {
+    for axis in [0, 8] {
+        for c in axis..axis + 4 {
+            let (a, b) = (depths.0[c], depths.0[c + 4]);
             if (a > 0.0) != (b > 0.0) {
-                let size = sides[axis + 1][c] - sides[axis][c];
-                let at = sides[axis][c] + size * (a / (a - b));
-                sides[axis + usize::from(b <= 0.0)][c] = at;
+                let size = sides.0[c + 4] - sides.0[c];
+                let at = sides.0[c] + size * (a / (a - b));
+                sides.0[if b <= 0.0 { c + 4 } else { c }] = at;
             }
         }
     }
