@@ -27,9 +27,9 @@ impl Default for Row {
 pub enum Level {
     /// The baseline of the target.
     Portable,
-    /// AVX2.
+    /// AVX2, and the bit operations of the machines that have it (POPCNT, BMI1, BMI2).
     Avx2,
-    /// AVX-512 (F, DQ, BW, VL).
+    /// That, and AVX-512 (F, DQ, BW, VL).
     Avx512,
 }
 
@@ -39,14 +39,19 @@ pub fn detect() -> Level {
     *LEVEL.get_or_init(|| {
         #[cfg(target_arch = "x86_64")]
         {
-            if is_x86_feature_detected!("avx512f")
+            let avx2 = is_x86_feature_detected!("avx2")
+                && is_x86_feature_detected!("popcnt")
+                && is_x86_feature_detected!("bmi1")
+                && is_x86_feature_detected!("bmi2");
+            if avx2
+                && is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512dq")
                 && is_x86_feature_detected!("avx512bw")
                 && is_x86_feature_detected!("avx512vl")
             {
                 return Level::Avx512;
             }
-            if is_x86_feature_detected!("avx2") {
+            if avx2 {
                 return Level::Avx2;
             }
         }
@@ -465,13 +470,13 @@ mod x86 {
 macro_rules! dispatch {
     ($level:expr => $kernel:ident($($argument:ident: $type:ty),* $(,)?) $(-> $return:ty)?) => {{
         #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl")]
+        #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl,popcnt,bmi1,bmi2")]
         unsafe fn avx512($($argument: $type),*) $(-> $return)? {
             // SAFETY: this function enables what the lanes need.
             unsafe { $kernel::<$crate::simd::Avx512>($($argument),*) }
         }
         #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx2")]
+        #[target_feature(enable = "avx2,popcnt,bmi1,bmi2")]
         unsafe fn avx2($($argument: $type),*) $(-> $return)? {
             // SAFETY: this function enables what the lanes need.
             unsafe { $kernel::<$crate::simd::Avx2>($($argument),*) }

@@ -337,12 +337,13 @@ impl Walk<'_> {
         }
         let half = Vec4::splat(0.5);
         let sides = [left, right, upper, lower];
-        // SAFETY: the caller enabled the features of `S`, here and below.
+        // SAFETY: the caller enabled the features of `S`.
         let all = unsafe { self.widest::<S>(sides, far, near) };
         // What finer levels answer for is seen under less of them.
         let straddle =
             near.cmpgt(Vec4::splat(from)).bitmask() & far.cmple(Vec4::splat(from)).bitmask();
         let nearer = if level > 0 && straddle != 0 {
+            // SAFETY: as above.
             unsafe { self.widest::<S>(sides, far, near.min(Vec4::splat(from))) }
         } else {
             all
@@ -367,6 +368,7 @@ impl Walk<'_> {
             covered &= height.cmpgt(margin).bitmask();
         }
         let sure = if covered != 0 {
+            // SAFETY: the caller enabled the features of `S`.
             Some(unsafe { self.least::<S>(sides, cover_low - w, cover_high - w) })
         } else {
             None
