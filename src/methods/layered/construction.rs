@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::compress::{Compression, Crossing, compress};
 use super::map::{Block, LayerMap, Level, Medium, Piece};
-use super::quadtree::add_levels;
+use super::quadtree::{TREE_BYTES, add_levels};
 use super::views::LayerView;
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -130,16 +130,17 @@ fn in_row_of_tiles(tile: &Tile, i: u32, width: usize, layers: usize) -> (usize, 
     (block * layers, y % 2 * 2 + x % 2)
 }
 
-/// Bytes that a map takes while it is built: its texels in tiles, with all surfaces that layers are chosen from, and
-/// in levels, a third more for the coarser ones, and 16 a texel in its quadtree.
-pub fn bytes_needed(view: &LayerView, layers: usize, of: usize, transparent: bool) -> usize {
+/// Bytes that a map takes while it is built: its texels in levels, a third more for the coarser ones, and beside them
+/// first in tiles, with all surfaces that layers are chosen from, then in the quadtree.
+fn bytes_needed(view: &LayerView, layers: usize, of: usize, transparent: bool) -> usize {
     let layer = size_of::<Piece>() + if transparent { size_of::<Medium>() } else { 0 };
     let levels = layers.saturating_mul(layer).saturating_mul(4).div_ceil(3);
     let tiles = layers.max(of).saturating_mul(layer);
-    let texel = levels.saturating_add(tiles) + 16 * 4 / 3 + 4;
+    let texel = levels.saturating_add(tiles.max(TREE_BYTES));
     view.camera.pixels().saturating_mul(texel)
 }
 
+/// Fails if a map would take more memory than there is.
 pub(super) fn check_memory(
     view: &LayerView,
     layers: usize,
