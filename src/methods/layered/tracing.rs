@@ -250,7 +250,23 @@ impl Walk<'_> {
         }
     }
 
-    /// The slopes under which what lies in four nodes, between two depths over the receiver, may be seen.
+    /// The bins of what lies in four nodes between two depths over the receiver: of the sides, the least and the largest.
+    ///
+    /// # Safety
+    /// The features of `S` are enabled.
+    #[inline(always)]
+    unsafe fn spans<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> [S; 2] {
+        // SAFETY: the caller enabled the features of `S`.
+        unsafe {
+            let sides = S::join(sides).mul(S::load(&self.scale));
+            let a = sides.mul(S::join([far.recip(); 4]));
+            let b = sides.mul(S::join([near.recip(); 4]));
+            let offset = S::load(&self.offset);
+            [a.min(b).sub(offset), a.max(b).sub(offset)]
+        }
+    }
+
+    /// The bins in which it may be seen.
     ///
     /// # Safety
     /// The features of `S` are enabled.
@@ -258,27 +274,23 @@ impl Walk<'_> {
     unsafe fn widest<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
         // SAFETY: the caller enabled the features of `S`.
         unsafe {
-            let sides = S::join(sides).mul(S::load(&self.scale));
-            let a = sides.mul(S::join([far.recip(); 4]));
-            let b = sides.mul(S::join([near.recip(); 4]));
-            let slopes = a.min(b).select(FIRST, a.max(b)).sub(S::load(&self.offset));
-            Bins::new(slopes.add(S::load(&OUTWARD).mul(S::splat(0.5))))
+            let [least, most] = self.spans::<S>(sides, far, near);
+            let half = S::load(&OUTWARD).mul(S::splat(0.5));
+            Bins::new(least.select(FIRST, most).add(half))
         }
     }
 
-    /// Those under which it surely is, if it covers the nodes.
+    /// The bins in which it surely is, if it covers the nodes.
     ///
     /// # Safety
     /// The features of `S` are enabled.
     #[inline(always)]
-    unsafe fn least<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
+    unsafe fn narrowest<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
         // SAFETY: the caller enabled the features of `S`.
         unsafe {
-            let sides = S::join(sides).mul(S::load(&self.scale));
-            let a = sides.mul(S::join([far.recip(); 4]));
-            let b = sides.mul(S::join([near.recip(); 4]));
-            let slopes = a.max(b).select(FIRST, a.min(b)).sub(S::load(&self.offset));
-            Bins::new(slopes.sub(S::load(&OUTWARD).mul(S::splat(0.5))))
+            let [least, most] = self.spans::<S>(sides, far, near);
+            let half = S::load(&OUTWARD).mul(S::splat(0.5));
+            Bins::new(most.select(FIRST, least).sub(half))
         }
     }
 
@@ -369,7 +381,7 @@ impl Walk<'_> {
         }
         let sure = if covered != 0 {
             // SAFETY: the caller enabled the features of `S`.
-            Some(unsafe { self.least::<S>(sides, cover_low - w, cover_high - w) })
+            Some(unsafe { self.narrowest::<S>(sides, cover_low - w, cover_high - w) })
         } else {
             None
         };
@@ -635,22 +647,37 @@ impl Walk<'_> {
             return;
         }
         let mut done = Mask::NONE;
-        for r in 0..BINS / LANES {
-            let bits = met.row(r);
-            if bits == 0 {
+        for word in 0..4 {
+            let mut left = met.0[word];
+            // A piece is met by few samples, as a rule.
+            if left.count_ones() <= FEW {
+                while left != 0 {
+                    let bit = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    let sample = &mut seen.through[4 * word + bit / LANES].0[bit % LANES];
+                    *sample = if self.how.subtract {
+                        (*sample - through).max(0.0)
+                    } else {
+                        *sample * through
+                    };
+                    done.0[word] |= u64::from(*sample <= self.how.threshold) << bit;
+                }
                 continue;
             }
-            // SAFETY: the caller enabled the features of `S`.
-            unsafe {
-                let old = S::load(&seen.through[r]);
-                let new = if self.how.subtract {
-                    old.sub(S::splat(through)).max(S::splat(0.0))
-                } else {
-                    old.mul(S::splat(through))
-                };
-                new.select(bits, old).store(&mut seen.through[r]);
-                let closed = new.le(S::splat(self.how.threshold)) & bits;
-                done.0[r / 4] |= u64::from(closed) << (16 * (r % 4));
+            for r in 4 * word..4 * word + 4 {
+                let bits = met.row(r);
+                // SAFETY: the caller enabled the features of `S`.
+                unsafe {
+                    let old = S::load(&seen.through[r]);
+                    let new = if self.how.subtract {
+                        old.sub(S::splat(through)).max(S::splat(0.0))
+                    } else {
+                        old.mul(S::splat(through))
+                    };
+                    new.select(bits, old).store(&mut seen.through[r]);
+                    let closed = new.le(S::splat(self.how.threshold)) & bits;
+                    done.0[word] |= u64::from(closed) << (LANES * (r % 4));
+                }
             }
         }
         seen.open = seen.open.without(done);
@@ -668,6 +695,9 @@ struct Four {
     /// Least and largest of what each node holds.
     range: [Vec4; 2],
 }
+
+/// Of 64 samples, so many are attenuated one by one.
+const FEW: u32 = 8;
 
 /// Places at which the surfaces of one layer are told apart.
 const MOST_PLACES: u32 = 16;
