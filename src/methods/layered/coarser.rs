@@ -62,8 +62,16 @@ pub fn coarser(level: &Level, k: usize, number: u32) -> Level {
     media.for_each(|(block, layers)| {
         for child in 0..4 {
             if let Some((at, _, from)) = source(block, child) {
-                for (to, medium) in layers.iter_mut().zip(&level.media[at..at + k]) {
-                    to[child] = medium[from];
+                let fine = level.blocks[at..at + k].iter().map(|b| plane(b, from));
+                let media = level.media[at..at + k].iter().zip(fine);
+                for (to, (media, plane)) in layers.iter_mut().zip(media) {
+                    let mut medium = media[from];
+                    if let Some(plane) = plane {
+                        let here = plane.at_center();
+                        let shift = moved(here, plane.slope, place(from)) - here;
+                        medium.first = before_horizon(medium.first + shift, medium.first);
+                    }
+                    to[child] = medium;
                 }
             }
         }

@@ -494,32 +494,39 @@ impl Walk<'_> {
             }
             let media = &data.media[at + i];
             let first = Vec4::from_array(media.map(|m| m.first)) - w;
+            let mut drop = [0.0f32; 4];
+            if self.how.subtract {
+                for c in 0..4 {
+                    let behind = media[c].visibility;
+                    drop[c] = before[c] - behind;
+                    before[c] = if behind <= self.how.threshold {
+                        1.0
+                    } else {
+                        behind
+                    };
+                }
+            }
+            let ahead = first.cmpgt(from).bitmask() & leaves;
+            if ahead == 0 {
+                continue;
+            }
             let (mut through, mut places) = ([1.0f32; 4], [0u32; 4]);
             let mut most = 0;
             for c in 0..4 {
                 let medium = &media[c];
-                let drop = before[c] - medium.visibility;
-                before[c] = if medium.visibility <= self.how.threshold {
-                    1.0
-                } else {
-                    medium.visibility
-                };
-                if leaves >> c & 1 == 0 || medium.count == 0 {
+                if ahead >> c & 1 == 0 {
                     continue;
                 }
                 // Surfaces lie evenly from the first to the last; at most so many places are told apart.
                 places[c] = medium.count.min(MOST_PLACES);
                 most = most.max(places[c]);
                 through[c] = if self.how.subtract {
-                    drop / places[c] as f32
+                    drop[c] / places[c] as f32
                 } else if places[c] == medium.count {
                     medium.through
                 } else {
                     medium.through.powf(medium.count as f32 / places[c] as f32)
                 };
-            }
-            if most == 0 {
-                continue;
             }
             let gaps = places.map(|p| p.saturating_sub(1).max(1) as f32);
             let step = (first - depths) / Vec4::from_array(gaps);
