@@ -67,7 +67,7 @@ def test_oblique_surfaces_leak_without_slopes_and_a_thickness_trades_leaks_for_u
     assert middle[0] > 3 * mean
     assert leaking[0] > 1.5 * middle[0] < 1.5 * thick[0]
     assert leaking[1] > 10 * abs(bias)
-    assert thick[1] < -5 * abs(bias)
+    assert thick[1] < -0.0071
 
 
 def test_contact_shadows_begin_at_the_contact():
@@ -130,6 +130,8 @@ def test_coarser_levels_cost_accuracy():
     )
     # Measured: 0.0066, 0.0033 and 0.0030 (0.0031 with all levels told apart).
     assert fine < default < 0.6 * coarse
+    assert default < 0.004
+    assert coarse < 0.009
 
 
 def test_a_thickness_darkens_and_a_bias_brightens():
@@ -157,10 +159,15 @@ def test_an_oblique_ground_does_not_shadow_itself(resolution):
     lit = ss.visibility(scene, points, normals, light, REFERENCE) == 1
     assert lit.sum() > 6000
     found = ss.visibility(scene, points, normals, light, ss.Mtsm(resolution, 4))
-    for point in points[lit & (found < 1)]:
-        # Nothing but segments that pass the board's edge closely. A texel that is told apart has
-        # 1/18 of the light: 0.019 at the board, which is at 4/7 of the way (one of 64 is smaller).
-        # Pieces are right to a quarter of it (measured: 0.003).
-        on_light, _, _ = ss.kernels.light_samples(light, point, 256)
-        crossing = point + (on_light - point) * (0.4 / on_light[:, 2:])
-        assert (np.abs(crossing[:, :2]).max(axis=-1) - 0.15).min() < 0.019 / 4
+    assert found[lit].min() >= 1 - 2 / 256
+    for point, seen in zip(points[lit], found[lit], strict=True):
+        # No more samples than those whose segments pass the board's edge closely. A texel that is
+        # told apart has 1/18 of the light: 0.019 at the board, which is at 4/7 of the way (one of
+        # 64 is smaller). Pieces are right to a quarter of it (measured: 0.003, two points).
+        if seen < 1:
+            on_light, _, _ = ss.kernels.light_samples(light, point, 256)
+            crossing = point + (on_light - point) * (0.4 / on_light[:, 2:])
+            past = np.abs(crossing[:, :2]).max(axis=-1) - 0.15
+            assert 256 * (1 - seen) <= (past < 0.019 / 4).sum()
+    # Four of the lit points have such segments.
+    assert (found[lit] < 1).sum() <= 4

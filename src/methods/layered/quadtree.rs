@@ -64,7 +64,7 @@ struct Node {
 
 /// Bytes a texel of the quadtree, a quad for every four nodes, and of the nodes of three levels while it is built.
 pub const TREE_BYTES: usize =
-    (size_of::<Quad>() / 4 * 4).div_ceil(3) + (size_of::<Node>() * (16 + 4 + 1)).div_ceil(16);
+    size_of::<Quad>().div_ceil(3) + (size_of::<Node>() * (16 + 4 + 1)).div_ceil(16);
 
 const NOTHING: Node = Node {
     low: f32::MAX,
