@@ -162,8 +162,9 @@ class Slsm(Method):
         How far above a receiver's tangent plane occluders have to be, world units, beside what the
         texels' slopes ask for.
     detail : float
-        Texels across the light, as a receiver sees it, that are told apart, 1 to 65536: where
-        there are more, coarser levels of the map answer.
+        Texels that are told apart across a light which a receiver sees through the whole of a
+        map, 1 to 65536; where it sees it through a part, as many times the cube root of the part.
+        Where there are more, coarser levels of the map answer.
     opacity : {"opaque"}, optional
         ``"opaque"`` lets every mesh with an opacity above 0 block all light; without, transparent
         meshes that cast are an error.
@@ -174,7 +175,7 @@ class Slsm(Method):
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 18.0
+    detail: float = 40.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "slsm"
@@ -214,7 +215,7 @@ class Mlsm(Method):
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 18.0
+    detail: float = 40.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "mlsm"
@@ -261,7 +262,7 @@ class Mtsm(Method):
     seed: int = 0
     z_threshold: float | None = None
     bias: float = 0.0
-    detail: float = 18.0
+    detail: float = 40.0
     error: float = 0.02
     threshold: float = 1 / 512
     resets: int = 4

@@ -11,8 +11,10 @@
 //! middles of its sides, which neighbours on one plane share.
 //!
 //! **Coarser maps.** Where a texel, seen from the receiver, is less than a chosen part of the light, the walk
-//! ends at a coarser level. Each level answers for a band of depths, half-open, so that no surface counts twice. Where
-//! the outline of a body passes, the pieces of the finer levels answer for that band, up to `FINER` levels down.
+//! ends at a coarser level. Each level answers for a band of depths, half-open, so that no surface counts twice. The
+//! part is larger where the light is seen through less of the map, near the receiver: penumbrae are narrow there, and
+//! every level of the map would have the receiver's own surface to be looked at by a whole light's texels. Where the
+//! outline of a body passes, the pieces of the finer levels answer for a band, up to `FINER` levels down.
 //!
 //! **Bias.** A receiver lies on a surface that is in the map. A piece counts only if its middle is above the
 //! receiver's tangent plane, by more than rounding, and, next to the receiver, by more than what the piece
@@ -41,6 +43,27 @@ const WHOLE: f32 = (1 << 23) as f32;
 /// penumbra for a quarter more time; all levels, a third.
 const FINER: u32 = 2;
 
+/// How much farther than the finest level each level answers: texels twice as large, and as many of them as the
+/// square root of that. With as many at all levels (18), statue and tree have the same error in the same time at 1024
+/// texels, the fur ball a seventh less; but at 2048 the statue takes 1.6 times as long as at 512, not 1.2 times.
+const GROWTH: [f32; LEVELS] = {
+    let mut growth = [1.0; LEVELS];
+    let mut level = 1;
+    while level < LEVELS {
+        // From √2³ on, eight times as far every two levels: exact but for the root.
+        growth[level] = if level == 1 {
+            2.0 * std::f32::consts::SQRT_2
+        } else {
+            8.0 * growth[level - 2]
+        };
+        level += 1;
+    }
+    growth
+};
+
+/// Levels of the largest map, of 16384 texels, and one.
+const LEVELS: usize = 16;
+
 /// How segments are traced.
 #[derive(Debug, Clone, Copy)]
 pub struct Tracing {
@@ -48,7 +71,8 @@ pub struct Tracing {
     pub thickness: f32,
     /// How far above the tangent plane an occluder must be, local units.
     pub bias: f32,
-    /// Texels across the light that are told apart: the walk ends at the level that still has as many.
+    /// Texels that are told apart across a light which is seen through the whole of a map: the walk ends at the level
+    /// that still has as many. Through a part of it, as many times the cube root of the part.
     pub detail: f32,
     /// Transmittance at which a sample counts as hidden.
     pub threshold: f32,
@@ -145,7 +169,7 @@ struct Walk<'a> {
     /// From slopes to bins: factors and offsets, of four left, right, upper and lower sides.
     scale: Row,
     offset: Row,
-    /// Depth over the receiver up to which the finest level answers; each coarser one up to twice as much.
+    /// Depth over the receiver up to which the finest level answers.
     band: f32,
     has_plane: bool,
 }
@@ -217,7 +241,10 @@ unsafe fn trace_lanes<S: Lanes>(
             let [u, v] = [low_u * scale[0], low_v * scale[1]];
             four_sides([u, u, v, v])
         },
-        band: how.detail / extent_u.max(extent_v),
+        band: {
+            let across = map.levels[0].width.max(map.levels[0].height) as f32;
+            how.detail * (how.detail / across).sqrt() / extent_u.max(extent_v)
+        },
         has_plane: pencil.plane != [0.0; 3],
     };
     let transparent = map.is_transparent();
@@ -309,14 +336,10 @@ impl Walk<'_> {
         let across = data.width.div_ceil(2);
         let quad: &Quad = &data.quads[y as usize * across + x as usize];
         let size = (1u64 << level) as f32;
-        let wide = self.band * size;
+        let answers = |level: u32| self.band * GROWTH[level as usize];
         let (from, to) = (
-            if level == 0 { 0.0 } else { 0.5 * wide },
-            if top {
-                f32::MAX
-            } else {
-                wide * (1u32 << finer) as f32
-            },
+            if level == 0 { 0.0 } else { answers(level - 1) },
+            if top { f32::MAX } else { answers(level + finer) },
         );
         let w = Vec4::splat(self.w);
         let end = self.pencil.end - self.w;
