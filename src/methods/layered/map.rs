@@ -12,7 +12,7 @@
 
 use glam::Vec4;
 
-use super::quadtree::Quad;
+use super::quad::Quad;
 use super::views::LayerView;
 
 /// One surface in one texel.

@@ -6,7 +6,7 @@
 //! - [`construction`]: the rasteriser's sinks; [`compress`]: from all crossings of a transparent texel to layers;
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
-//! - [`map`]: what is stored; [`quadtree`]: least and largest depths; [`coarser`]: coarser maps;
+//! - [`map`]: what is stored; [`quadtree`]: least and largest depths ([`quad`]); [`coarser`]: coarser maps;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
@@ -23,6 +23,7 @@ pub mod construction;
 pub mod given;
 pub mod map;
 pub mod masks;
+pub mod quad;
 pub mod quadtree;
 pub mod tracing;
 pub mod views;

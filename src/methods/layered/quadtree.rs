@@ -1,46 +1,19 @@
 //! The quadtree of a map: least and largest depth of its nodes (Section 4.3).
 //!
-//! A node of level `l` covers 2ˡ × 2ˡ texels of the map. The quadtree keeps four numbers for every node, by
-//! parents, so that four siblings lie in one cache line ([`Quad`]): the range of inverse depths of all that it
-//! holds, and, where all of its texels are covered by one connected opaque surface, the range of that. Beside it
-//! each level has a coarser map ([`super::coarser`]).
+//! A node of level `l` covers 2ˡ × 2ˡ texels of the map. The quadtree keeps the nodes by parents, so that four
+//! siblings lie in one cache line ([`Quad`]): the range of inverse depths of all that a node holds, a plane in front
+//! of it, and, where all of its texels are covered by one connected opaque surface, the range of that. Beside it each
+//! level has a coarser map ([`super::coarser`]).
 //!
 //! Where no surface covers a node, but few end around it, the outline of a body passes: a coarser map knows it less
-//! well than a finer one, which costs little, for an outline is thin. Such nodes are marked ([`OUTLINE`]). Among leaves
-//! and hair, where everything is outline, none is: there the errors of many pieces cancel.
+//! well than a finer one, which costs little, for an outline is thin. Such nodes are marked ([`Quad::is_outline`]).
+//! Among leaves and hair, where everything is outline, none is: there the errors of many pieces cancel.
 
 use rayon::prelude::*;
 
 use super::coarser::coarser;
 use super::map::{LayerMap, Level, Plane};
-
-/// What four siblings of the quadtree hold, the children `(2x, 2y)`, `(2x + 1, 2y)`, `(2x, 2y + 1)`,
-/// `(2x + 1, 2y + 1)` of their parent `(x, y)`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C, align(64))]
-pub struct Quad {
-    /// Least inverse depth; larger than the largest where there is nothing.
-    pub low: [f32; 4],
-    /// Largest inverse depth.
-    pub high: [f32; 4],
-    /// Least inverse depth of a surface that covers all of the node; -1 or [`OUTLINE`] where there is none.
-    pub cover_low: [f32; 4],
-    /// Its largest inverse depth.
-    pub cover_high: [f32; 4],
-}
-
-impl Quad {
-    /// Four empty nodes.
-    pub const EMPTY: Quad = Quad {
-        low: [f32::MAX; 4],
-        high: [-1.0; 4],
-        cover_low: [-1.0; 4],
-        cover_high: [f32::MAX; 4],
-    };
-}
-
-/// In place of a cover: there is none, and an outline passes through the node.
-pub const OUTLINE: f32 = -2.0;
+use super::quad::{Bounds, Quad};
 
 /// Borders between texels, for each texel along the side of a node's grandparent, at which surfaces may end where
 /// outlines pass: as many as on three oblique ones. With 4 the statue's penumbra has a tenth more error, with 8 the
@@ -50,11 +23,8 @@ const ENDS: u32 = 6;
 /// A node while the tree is built.
 #[derive(Debug, Clone, Copy)]
 struct Node {
-    low: f32,
-    high: f32,
-    cover: [f32; 2],
-    /// Whether one opaque surface covers all of it, connected within.
-    covered: bool,
+    /// What it holds; one opaque surface covers it, connected within, or none.
+    bounds: Bounds,
     /// Whether that surface goes on in the neighbours on the right and below, all along the border.
     right: bool,
     down: bool,
@@ -67,10 +37,7 @@ pub const TREE_BYTES: usize =
     size_of::<Quad>().div_ceil(3) + (size_of::<Node>() * (16 + 4 + 1)).div_ceil(16);
 
 const NOTHING: Node = Node {
-    low: f32::MAX,
-    high: -1.0,
-    cover: [-1.0, f32::MAX],
-    covered: false,
+    bounds: Bounds::NONE,
     right: false,
     down: false,
     ends: 0,
@@ -81,18 +48,18 @@ pub fn add_levels(map: &mut LayerMap) {
     let k = map.layers;
     let (width, height) = (map.levels[0].width, map.levels[0].height);
     let mut nodes = texels(&map.levels[0], k);
-    let mut above = parents(&nodes, width, height);
+    let mut above = parents(&nodes, width, height, 0);
     loop {
         let finest = &map.levels[map.levels.len() - 1];
         let (width, height) = (finest.width, finest.height);
         let level = map.levels.len() - 1;
-        let grandparents = parents(&above, width.div_ceil(2), height.div_ceil(2));
+        let grandparents = parents(&above, width.div_ceil(2), height.div_ceil(2), level + 1);
         let ends = if map.is_transparent() {
             0
         } else {
             ENDS << (level + 2)
         };
-        let quads = quads(&nodes, &grandparents, ends, width, height);
+        let quads = quads(&nodes, &grandparents, ends, width, height, level);
         if width == 1 && height == 1 {
             map.levels[level].quads = quads;
             return;
@@ -117,20 +84,20 @@ fn texels(level: &Level, k: usize) -> Vec<Node> {
         (0..width).map(move |x| {
             let (at, child) = level.place(x, y, k);
             let mut node = NOTHING;
+            let bounds = &mut node.bounds;
             for (i, block) in level.blocks[at..at + k].iter().enumerate() {
                 let piece = block.piece(child);
                 if !piece.is_some() {
                     break;
                 }
-                let nearest = level
-                    .media
-                    .get(at + i)
-                    .map_or(piece.inverse_depth, |m| m[child].first);
+                let (w, reach) = (piece.inverse_depth, piece.reach());
+                let nearest = level.media.get(at + i).map_or(w, |m| m[child].first);
                 // A plane may reach beyond the eye's horizon within a texel; nothing does.
-                node.low = node
-                    .low
-                    .min((piece.inverse_depth - piece.reach()).max(f32::MIN_POSITIVE));
-                node.high = node.high.max(nearest + piece.reach());
+                bounds.low = bounds.low.min((w - reach).max(f32::MIN_POSITIVE));
+                bounds.high = bounds.high.max(nearest + reach);
+                if nearest > bounds.middle {
+                    (bounds.middle, bounds.slope) = (nearest, piece.slope());
+                }
             }
             let here = first(x, y);
             let next = [(1, 0), (0, 1)].map(|(i, j)| {
@@ -139,8 +106,7 @@ fn texels(level: &Level, k: usize) -> Vec<Node> {
             });
             if let Some(piece) = here {
                 let (w, reach) = (piece.inverse_depth, piece.reach());
-                node.covered = true;
-                node.cover = [(w - reach).max(f32::MIN_POSITIVE), w + reach];
+                node.bounds.cover = Some([(w - reach).max(f32::MIN_POSITIVE), w + reach]);
                 let joined = |axis: usize| {
                     let next = next[axis].flatten();
                     next.is_some_and(|next| Plane::from(piece).joins(&next.into(), axis))
@@ -176,6 +142,7 @@ fn quads(
     most: u32,
     width: usize,
     height: usize,
+    level: usize,
 ) -> Vec<Quad> {
     let across = width.div_ceil(2);
     let make = |i: usize| {
@@ -183,19 +150,7 @@ fn quads(
         let four = siblings(nodes, width, height, x, y);
         let ends = grandparents[y / 2 * across.div_ceil(2) + x / 2].ends;
         let outline = (1..=most).contains(&ends);
-        let cover_low = |n: Node| {
-            if outline && !n.covered {
-                OUTLINE
-            } else {
-                n.cover[0]
-            }
-        };
-        Quad {
-            low: four.map(|n| n.low),
-            high: four.map(|n| n.high),
-            cover_low: four.map(cover_low),
-            cover_high: four.map(|n| n.cover[1]),
-        }
+        Quad::new(&four.map(|n| n.bounds), (1u64 << level) as f32, outline)
     };
     (0..across * height.div_ceil(2))
         .into_par_iter()
@@ -203,30 +158,22 @@ fn quads(
         .collect()
 }
 
-fn parents(nodes: &[Node], width: usize, height: usize) -> Vec<Node> {
+fn parents(nodes: &[Node], width: usize, height: usize, level: usize) -> Vec<Node> {
     let across = width.div_ceil(2);
     let make = |i: usize| {
         let [a, b, c, d] = siblings(nodes, width, height, i % across, i / across);
-        let all = [a, b, c, d];
-        let fold = |f: fn(f32, f32) -> f32, of: fn(&Node) -> f32| {
-            all[1..].iter().fold(of(&all[0]), |m, n| f(m, of(n)))
-        };
-        let covered = all.iter().all(|n| n.covered) && a.right && c.right && a.down && b.down;
+        let all = [a, b, c, d].map(|n| n.bounds);
+        let mut bounds = Bounds::of(&all, (1u64 << level) as f32);
+        if a.right && c.right && a.down && b.down {
+            let join = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
+            let covers = all.iter().map(|n| n.cover);
+            bounds.cover = covers.reduce(|a, b| Some(join(a?, b?))).flatten();
+        }
         Node {
-            low: fold(f32::min, |n| n.low),
-            high: fold(f32::max, |n| n.high),
-            cover: if covered {
-                [
-                    fold(f32::min, |n| n.cover[0]),
-                    fold(f32::max, |n| n.cover[1]),
-                ]
-            } else {
-                NOTHING.cover
-            },
-            covered,
+            bounds,
             right: b.right && d.right,
             down: c.down && d.down,
-            ends: all.iter().map(|n| n.ends).sum(),
+            ends: a.ends + b.ends + c.ends + d.ends,
         }
     };
     (0..across * height.div_ceil(2))

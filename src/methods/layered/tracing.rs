@@ -12,9 +12,9 @@
 //!
 //! **Coarser maps.** Where a texel, seen from the receiver, is less than a chosen part of the light, the walk
 //! ends at a coarser level. Each level answers for a band of depths, half-open, so that no surface counts twice. The
-//! part is larger where the light is seen through less of the map, near the receiver: penumbrae are narrow there, and
-//! every level of the map would have the receiver's own surface to be looked at by a whole light's texels. Where the
-//! outline of a body passes, the pieces of the finer levels answer for a band, up to `FINER` levels down.
+//! part is larger near the receiver, where the light is seen through little of the map and penumbrae are narrow: else
+//! a finer map would cost a level more, with as much of the receiver's own surface in it as the levels before have.
+//! Where the outline of a body passes, the pieces of the finer levels answer for a band, up to `FINER` levels down.
 //!
 //! **Bias.** A receiver lies on a surface that is in the map. A piece counts only if its middle is above the
 //! receiver's tangent plane, by more than rounding, and, next to the receiver, by more than what the piece
@@ -27,7 +27,7 @@ use glam::{DVec3, Vec4};
 
 use super::map::{Block, LayerMap, Level};
 use super::masks::{Axis, BINS, Mask};
-use super::quadtree::{OUTLINE, Quad};
+use super::quad::Quad;
 use crate::simd::{LANES, Lanes, Row, detect, dispatch, prefetch};
 
 /// Relative rounding of the receiver's and the pieces' coordinates: some ulps of an `f32`.
@@ -339,7 +339,11 @@ impl Walk<'_> {
         let answers = |level: u32| self.band * GROWTH[level as usize];
         let (from, to) = (
             if level == 0 { 0.0 } else { answers(level - 1) },
-            if top { f32::MAX } else { answers(level + finer) },
+            if top {
+                f32::MAX
+            } else {
+                answers(level + finer)
+            },
         );
         let w = Vec4::splat(self.w);
         let end = self.pencil.end - self.w;
@@ -359,6 +363,7 @@ impl Walk<'_> {
         let right = left + Vec4::splat(size);
         let upper = Vec4::new(v, v, v + size, v + size);
         let lower = upper + Vec4::splat(size);
+        let half = Vec4::splat(0.5);
         // What is before the receiver as a whole is seldom below its tangent plane.
         if self.has_plane && far.min_element() <= TINY {
             let [a, b, c] = self.pencil.plane.map(Vec4::splat);
@@ -369,8 +374,20 @@ impl Walk<'_> {
             if some == 0 {
                 return;
             }
+            // Nor are the texels' surfaces above it, if their plane is below: nearer is higher where one faces the eye.
+            if self.pencil.plane[2] > 0.0 {
+                let ([gx, gy], middle) = quad.planes();
+                let (x, y) = (left + half * size, upper + half * size);
+                let (over_x, over_y) = (a * size + c * gx, b * size + c * gy);
+                let rise = (over_x.abs() + over_y.abs()) * (0.5 - 0.5 / size);
+                let terms = (a * x).abs() + (b * y).abs() + c * (middle + w);
+                let high = (a * x + b * y) + c * (middle - w) + rise;
+                some &= high.cmpgt(terms * ROUNDING).bitmask();
+                if some == 0 {
+                    return;
+                }
+            }
         }
-        let half = Vec4::splat(0.5);
         let sides = [left, right, upper, lower];
         // SAFETY: the caller enabled the features of `S`.
         let all = unsafe { self.widest::<S>(sides, far, near) };
@@ -383,14 +400,14 @@ impl Walk<'_> {
         } else {
             all
         };
-        let cover_low = Vec4::from_array(quad.cover_low);
-        let cover_high = Vec4::from_array(quad.cover_high);
+        let (covers, [cover_low, cover_high]) = quad.covers();
         // A cover that is no thicker than it is far from the receiver.
         let mut covered = if level == 0 {
             0
         } else {
             let margin = (half * (cover_high - cover_low)).max(w * (4.0 * ROUNDING));
-            some & cover_low.cmpgt(w + margin).bitmask()
+            some & covers
+                & cover_low.cmpgt(w + margin).bitmask()
                 & cover_high.cmplt(Vec4::splat(self.pencil.end)).bitmask()
         };
         // All of it is above the tangent plane, as a piece's middle has to be.
@@ -429,7 +446,7 @@ impl Walk<'_> {
                     continue;
                 }
             }
-            let outline = level > 0 && finer < FINER && cover_low[i] == OUTLINE;
+            let outline = level > 0 && finer < FINER && quad.is_outline(i);
             if near[i] > from && !outline {
                 leaves |= 1 << i;
             }
