@@ -56,24 +56,28 @@ def test_crossings_multiply(light):
     low, high = quad((0, 0, 1), (4, 0, 0), (0, 4, 0)), quad((0, 0, 2), (4, 0, 0), (0, 4, 0))
     tilted = quad((0, 0, 1.5), (4, 0, 1.2), (0, 4, 0.5))
     points, normals = _grid(0.5)
-    slope = _sheets(tilted)
     for scene, expected in (
         (_sheets(low, high), 0.25),
-        (slope, 0.5),
         # Faces that are there twice count twice.
         (_sheets(low, low), 0.25),
         (_sheets(low, high, opacity=0.0), 1.0),
         (_sheets(low, high, opacity=1.0), 0.0),
     ):
         for resolution in (64, 512):
+            # One crossing per sheet and segment, whatever the texels: products of 0.5.
             seen = ss.visibility(scene, points, normals, light, ss.Mtsm(resolution, 4))
-            # One crossing per sheet and segment, whatever the texels: products of 0.5. At a corner
-            # of texels of a tilted sheet, rectangles through the middles of the sides may count one
-            # sample twice or not at all, so that none is lost in the mean.
-            error = seen - expected
-            one = expected / 256 if scene is slope else 1e-6
-            assert np.abs(error).max() < 2 * one, (expected, resolution)
-            assert abs(error.mean()) < 2e-4
+            assert np.abs(seen - expected).max() < 2e-6, (expected, resolution)
+    # At a corner of texels of a tilted sheet, rectangles through the middles of the sides may count
+    # a sample twice or not at all, so that none is lost in the mean. Points at random, or texels
+    # line up with them: from 64 to 2048 texels at most three samples of 256 (measured), any at 1 to
+    # 5 % of the points, and 0.00003 in the mean.
+    xy = np.random.default_rng(1).uniform(-0.5, 0.5, (10_000, 2))
+    points, normals = np.pad(xy, ((0, 0), (0, 1))), np.broadcast_to(UP, (10_000, 3))
+    for resolution in (64, 512):
+        error = ss.visibility(_sheets(tilted), points, normals, light, ss.Mtsm(resolution, 4)) - 0.5
+        assert np.abs(error).max() < 3.5 * 0.5 / 256, resolution
+        assert (np.abs(error) > 1e-6).mean() < 0.07
+        assert abs(error.mean()) < 1e-4
 
 
 def test_staggered_sheets_let_half_through_and_subtraction_as_printed_does_not():

@@ -56,17 +56,17 @@ def test_oblique_surfaces_leak_without_slopes_and_a_thickness_trades_leaks_for_u
     exact = _traced(setup)
     ground = exact.mesh_id == 0
     mean, bias, _ = _errors(setup, exact, ground, ss.Mtsm(1024, 5))
-    # Of the coarser levels (measured: 0.0014, and 0.0002 without them).
+    # Of the coarser levels (measured: 0.0016, and 0.0002 without them).
     assert mean < 0.002
     assert _errors(setup, exact, ground, ss.Mtsm(1024, 5, detail=1000))[0] < 0.0005
-    # Measured: 0.0149, 0.0074 and 0.0080; biases 0.0123, 0.0022 and -0.0076, to 0.0010 with slopes.
+    # Measured: 0.0137, 0.0036 and 0.0074, biases 0.0120, -0.0007 and -0.0074; 0.0013 with slopes.
     leaking, middle, thick = (
         _errors(setup, exact, ground, ss.Mtsm(1024, 5, z_threshold=z), depths_only=True)
         for z in (0.0, 0.02, 0.08)
     )
-    assert middle[0] > 3 * mean
+    assert middle[0] > 2 * mean
     assert leaking[0] > 1.5 * middle[0] < 1.5 * thick[0]
-    assert leaking[1] > 10 * abs(bias)
+    assert leaking[1] > 8 * abs(bias)
     assert thick[1] < -0.0071
 
 
@@ -75,14 +75,14 @@ def test_contact_shadows_begin_at_the_contact():
     exact = _traced(setup)
     near = (exact.mesh_id == 0) & (np.linalg.norm(exact.position[..., :2], axis=-1) < 0.3)
     assert near.sum() > 100
-    # Up to 0.05 from the cylinder, all of it penumbra (measured: 0.0164, 0.0079 and 0.0019): texels
+    # Up to 0.05 from the cylinder, all of it penumbra (measured: 0.0042, 0.0036 and 0.0019): texels
     # count, and then the levels that are coarser than them.
     rough, plain, fine = (
         _errors(setup, exact, near, ss.Mtsm(r, 5, detail=d))
-        for r, d in ((256, 20), (1024, 20), (1024, 1000))
+        for r, d in ((256, 40), (1024, 40), (1024, 1000))
     )
-    assert rough[0] < 0.022
-    assert plain[0] < 0.012
+    assert rough[0] < 0.006
+    assert plain[0] < 0.005
     assert fine[0] < 0.003
     # None comes loose: nowhere a fifth of the light too much.
     assert max(rough[2], plain[2], fine[2]) < 0.05
@@ -126,9 +126,9 @@ def test_coarser_levels_cost_accuracy():
     exact = _traced(setup)
     partly = (exact.visibility > 0.002) & (exact.visibility < 0.998)
     coarse, default, fine = (
-        _errors(setup, exact, partly, ss.Mtsm(1024, 5, detail=d))[0] for d in (4, 20, 64)
+        _errors(setup, exact, partly, ss.Mtsm(1024, 5, detail=d))[0] for d in (10, 40, 1000)
     )
-    # Measured: 0.0066, 0.0033 and 0.0030 (0.0031 with all levels told apart).
+    # Measured: 0.0069, 0.0033 and 0.0031.
     assert fine < default < 0.6 * coarse
     assert default < 0.004
     assert coarse < 0.009

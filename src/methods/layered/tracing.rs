@@ -18,12 +18,13 @@
 //!
 //! **Bias.** A receiver lies on a surface that is in the map. A piece counts only if its middle is above the
 //! receiver's tangent plane, by more than rounding, and, next to the receiver, by more than what the piece
-//! itself rises over that plane within half a texel: so far its extent is not known. A given `bias` is added.
+//! itself rises over that plane within half a texel: so far its extent is not known. Where it fills a part of a coarser
+//! texel, its middle may be off by `OFF` to either side. A given `bias` is added.
 //! Without a normal, the receiver must not lie in the piece's plane by the same margins.
 //!
 //! **Thickness.** A piece's sides are found at `z_threshold` before and behind it, and the widest count.
 
-use glam::{DVec3, Vec4};
+use glam::{BVec4A, DVec3, Vec4};
 
 use super::map::{Block, LayerMap, Level};
 use super::masks::{Axis, BINS, Mask};
@@ -609,11 +610,11 @@ impl Walk<'_> {
             four.left + size * (half + x),
             four.upper + size * (half + y),
         );
-        let active = active & self.stand_clear(depths, [gx, gy], u, v, size);
+        let part = [hu, hv].map(|half_part| half_part.cmplt(half));
+        let mut active = active & self.stand_clear(depths, [gx, gy], [u, v], size, part);
         if active == 0 {
             return;
         }
-        let mut active = active;
         let (hx, hy) = (gx * hu, gy * hv);
         let (hu, hv) = (hu * size, hv * size);
         // SAFETY: the caller enabled the features of `S`.
@@ -659,9 +660,18 @@ impl Walk<'_> {
         }
     }
 
-    /// Which of four pieces are occluders, and not the surface that the receiver lies on.
+    /// Which of four pieces are occluders, and not the surface that the receiver lies on, with their middles at
+    /// `(u, v)`; whether they fill a part of their texels only, along rows and along columns.
     #[inline(always)]
-    fn stand_clear(&self, depths: Vec4, [gx, gy]: [Vec4; 2], u: Vec4, v: Vec4, size: Vec4) -> u32 {
+    fn stand_clear(
+        &self,
+        depths: Vec4,
+        [gx, gy]: [Vec4; 2],
+        [u, v]: [Vec4; 2],
+        size: Vec4,
+        part: [BVec4A; 2],
+    ) -> u32 {
+        let [off_x, off_y] = part.map(|p| Vec4::select(p, Vec4::splat(OFF), Vec4::ZERO));
         let w = depths + Vec4::splat(self.w);
         let next_to = u.abs().cmple(size) & v.abs().cmple(size);
         let near = next_to.any();
@@ -670,6 +680,7 @@ impl Walk<'_> {
             let (across, down, up) = (a * u, b * v, c * depths);
             let mut margin =
                 (across.abs() + down.abs() + c.abs() * w) * ROUNDING + w * self.how.bias;
+            margin += (a.abs() * off_x + b.abs() * off_y) * size;
             if near {
                 let rise = ((a * size + c * gx).abs() + (b * size + c * gy).abs()) * 0.5;
                 margin += Vec4::select(next_to, rise, Vec4::ZERO);
@@ -679,6 +690,7 @@ impl Walk<'_> {
             let (across, down) = (gx * (u / size), gy * (v / size));
             let mut margin =
                 (across.abs() + down.abs() + w) * ROUNDING + w * (self.how.bias * self.w);
+            margin += gx.abs() * off_x + gy.abs() * off_y;
             if near {
                 let rise = (gx.abs() + gy.abs()) * 0.5;
                 margin += Vec4::select(next_to, rise, Vec4::ZERO);
@@ -745,6 +757,9 @@ struct Four {
 
 /// Of 64 samples, so many are attenuated one by one.
 const FEW: u32 = 8;
+
+/// By how much the middle of a part of a texel may be off, in texels: its sides are rounded to quarters.
+const OFF: f32 = 0.125;
 
 /// Places at which the surfaces of one layer are told apart.
 const MOST_PLACES: u32 = 16;
