@@ -46,7 +46,7 @@ const FINER: u32 = 2;
 
 /// How much farther than the finest level each level answers: texels twice as large, and as many of them as the
 /// square root of that. With as many at all levels (18), statue and tree have the same error in the same time at 1024
-/// texels, the fur ball a seventh less; but at 2048 the statue takes 1.6 times as long as at 512, not 1.2 times.
+/// texels, the fur ball a seventh less; but at 2048 the statue takes 1.5 times as long as at 512, not 1.3 times.
 const GROWTH: [f32; LEVELS] = {
     let mut growth = [1.0; LEVELS];
     let mut level = 1;
