@@ -196,6 +196,26 @@ impl Geometry {
         })
     }
 
+    /// The same triangles and looks with all positions moved by `f`; spheres, which would be none, stay where they are.
+    pub fn mapped(&self, f: impl Fn(DVec3) -> DVec3 + Sync) -> Geometry {
+        let moved = |p: &Vec3| f(p.as_dvec3()).as_vec3();
+        Geometry {
+            frame: self.frame,
+            positions: self.positions.par_iter().map(moved).collect(),
+            faces: self.faces.clone(),
+            meshes: self.meshes.clone(),
+            spheres: self.spheres.clone(),
+            materials: self.materials.clone(),
+            occluders: OnceLock::new(),
+            inherited: None,
+        }
+    }
+
+    /// Bytes of its arrays, without the hierarchies.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.positions[..]) + size_of_val(&self.faces[..])
+    }
+
     /// The hierarchies over everything that casts; built (or refitted) at the first call.
     pub fn occluders(&self) -> &Occluders {
         self.occluders.get_or_init(|| match &self.inherited {

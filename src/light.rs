@@ -12,6 +12,10 @@ use crate::contour::{self, rect_corners};
 use crate::error::{Error, Result};
 use crate::geometry::Frame;
 
+/// Local distance, in scene sizes, at which farther lights are put, along the same line and under the same angle: they
+/// differ by less than a ten-thousandth of an `f32`'s ulp, and products of coordinates stay finite.
+const FARTHEST: f64 = (1u64 << 40) as f64;
+
 /// Where a light is and what it looks like.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
@@ -102,8 +106,11 @@ impl Light {
         })
     }
 
-    /// The same light in a scene's local coordinates.
+    /// The same light in a scene's local coordinates; farther away than [`FARTHEST`], one there that looks the same.
     pub fn to_local(&self, frame: &Frame) -> Light {
+        let distance = frame.to_local(self.center()).length();
+        let unit = frame.unit * (distance / FARTHEST).max(1.0);
+        let frame = &Frame { unit, ..*frame };
         let shape = match self.shape {
             Shape::Rect { center, u, v } => Shape::Rect {
                 center: frame.to_local(center),
@@ -128,6 +135,31 @@ impl Light {
             shape,
             radiance: self.radiance,
         }
+    }
+
+    /// A local light in world coordinates.
+    pub fn to_world(&self, frame: &Frame) -> Light {
+        let shape = match self.shape {
+            Shape::Rect { center, u, v } => Shape::Rect {
+                center: frame.to_world(center),
+                u: u * frame.unit,
+                v: v * frame.unit,
+            },
+            Shape::Disk {
+                center,
+                normal,
+                radius,
+            } => Shape::Disk {
+                center: frame.to_world(center),
+                normal,
+                radius: radius * frame.unit,
+            },
+            Shape::Sphere { center, radius } => Shape::Sphere {
+                center: frame.to_world(center),
+                radius: radius * frame.unit,
+            },
+        };
+        Light { shape, ..*self }
     }
 
     /// The light's middle.

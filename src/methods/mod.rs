@@ -11,6 +11,8 @@
 //! - [`ssoc`]: the soft shadow occlusion camera;
 //! - [`wedges`]: penumbra wedges, and shadow volumes.
 //!
+//! Of lights that are farther away than a method reaches [`far`] makes near ones.
+//!
 //! A method prepares itself once for a scene and its lights ([`Method::prepare`]) and then answers for
 //! any receivers ([`Prepared::shade`]). It says which fraction of a light each receiver sees; turning
 //! that into radiance is the same for all ([`crate::render`]).
@@ -18,6 +20,7 @@
 pub mod accumulation;
 mod behind;
 pub mod convolution;
+pub mod far;
 pub mod filtered;
 pub mod hard;
 pub mod layered;
@@ -50,6 +53,12 @@ pub struct Shading {
 pub trait Method: Send + Sync {
     /// The name that users call it by.
     fn name(&self) -> &'static str;
+
+    /// Distance of a light from the scene's middle, in local units, up to which the method takes it as it is; lights
+    /// that are farther away are brought near ([`far::prepare`]).
+    fn reach(&self) -> f64 {
+        f64::INFINITY
+    }
 
     /// Builds what is paid once for a scene and its lights, which are in world coordinates.
     ///

@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::memory::{fill, unwritten, written};
-use crate::methods::{Prepared, Shading};
+use crate::methods::{Prepared, Shading, far};
 use crate::raster::tile_count;
 use crate::receivers::{BLOCK, Receivers, Surface, from_camera, most_groups};
 use crate::render::{irradiance, unshadow};
@@ -52,7 +52,7 @@ pub(super) fn prepare(
         let start = Instant::now();
         let geometry = scene.geometry()?;
         let geometry_seconds = start.elapsed().as_secs_f64();
-        let prepared = method.prepare(geometry.clone(), &lights, control)?;
+        let prepared = far::prepare(&*method, geometry.clone(), &lights, control)?;
         let total = start.elapsed().as_secs_f64();
         let mut seconds = vec![
             ("prepare", total),

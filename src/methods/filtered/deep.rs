@@ -18,6 +18,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::methods::far::REACH;
 use crate::methods::layered::compress::Compression;
 use crate::methods::layered::construction::Layers;
 use crate::methods::wedges::contour::Casters;
@@ -55,6 +56,10 @@ impl DeepShadow {
 impl Method for DeepShadow {
     fn name(&self) -> &'static str {
         "deep"
+    }
+
+    fn reach(&self) -> f64 {
+        REACH
     }
 
     fn prepare(

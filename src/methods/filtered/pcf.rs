@@ -22,6 +22,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::methods::far::REACH;
 use crate::methods::layered::compress::Compression;
 use crate::methods::layered::construction::Layers;
 use crate::methods::wedges::contour::Casters;
@@ -40,6 +41,10 @@ pub struct Pcf {
 impl Method for Pcf {
     fn name(&self) -> &'static str {
         "pcf"
+    }
+
+    fn reach(&self) -> f64 {
+        REACH
     }
 
     fn prepare(

@@ -33,6 +33,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use super::far::REACH;
 use super::views::most_central;
 use super::wedges::contour::Casters;
 use super::{Method, Prepared, Shading};
@@ -311,6 +312,10 @@ struct PreparedLayered {
 impl Method for Layered {
     fn name(&self) -> &'static str {
         self.kind.name()
+    }
+
+    fn reach(&self) -> f64 {
+        REACH
     }
 
     fn prepare(

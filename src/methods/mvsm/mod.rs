@@ -19,6 +19,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use super::far::REACH;
 use super::filtered::region::{Region, Source};
 use super::layered::compress::Compression;
 use super::layered::construction::{Layers, layer_map};
@@ -152,6 +153,10 @@ struct Views {
 impl Method for Mvsm {
     fn name(&self) -> &'static str {
         "mvsm"
+    }
+
+    fn reach(&self) -> f64 {
+        REACH
     }
 
     fn prepare(

@@ -32,6 +32,7 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::far::REACH;
 use super::views::{View, most_central, views};
 use super::wedges::contour::{Casters, Edge};
 use super::wedges::is_point;
@@ -177,6 +178,10 @@ struct PreparedSsoc {
 impl Method for Ssoc {
     fn name(&self) -> &'static str {
         "ssoc"
+    }
+
+    fn reach(&self) -> f64 {
+        REACH
     }
 
     fn prepare(

@@ -36,6 +36,7 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::far::REACH;
 use super::{Method, Prepared, Shading};
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -144,6 +145,10 @@ impl Method for Wedges {
         "wedges"
     }
 
+    fn reach(&self) -> f64 {
+        REACH
+    }
+
     fn prepare(
         &self,
         geometry: Arc<Geometry>,
@@ -159,6 +164,10 @@ impl Method for Wedges {
 impl Method for ShadowVolume {
     fn name(&self) -> &'static str {
         "shadow_volume"
+    }
+
+    fn reach(&self) -> f64 {
+        REACH
     }
 
     fn prepare(
