@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::receivers::Receivers;
-use crate::sampling::POINT_OFFSET;
+use crate::sampling::lift;
 use crate::simd::LANES;
 
 /// Hard shadows; no parameters.
@@ -43,9 +43,7 @@ impl Method for Hard {
 /// Where shadow rays to a local light's centre end: towards the emitting side of it, as the light sampler
 /// moves its points.
 pub(super) fn target(light: &Light) -> Vec3 {
-    let size = light.center().abs().max_element().max(1.0);
-    let lift = light.normal().unwrap_or_default() * (POINT_OFFSET * size);
-    (light.center() + lift).as_vec3()
+    (light.center() + lift(light)).as_vec3()
 }
 
 struct PreparedHard {

@@ -42,6 +42,26 @@ pub use shared::SharedPoint;
 /// units): four `f32` ulps, more than the rounding of its coordinates.
 pub const POINT_OFFSET: f64 = 4.0 / (1 << 23) as f64;
 
+/// By how much a local flat light is moved off itself to its emitting side; what lies nearer to its plane, such as the
+/// ceiling that it is set into, hides none of it, in any method.
+pub fn lift(light: &Light) -> DVec3 {
+    let (low, high) = light.bounds();
+    let size = low.abs().max(high.abs()).max_element().max(1.0);
+    light.normal().unwrap_or_default() * (POINT_OFFSET * size)
+}
+
+/// A local light, moved so.
+pub fn lifted(light: &Light) -> Light {
+    let by = lift(light);
+    let mut out = *light;
+    match &mut out.shape {
+        Shape::Rect { center, .. } | Shape::Disk { center, .. } | Shape::Sphere { center, .. } => {
+            *center += by;
+        }
+    }
+    out
+}
+
 /// Below this cosine of its half-angle a sphere's cap is too wide for a grid in its tangent plane.
 const WIDEST_CAP: f64 = 0.17;
 
@@ -60,9 +80,7 @@ impl Sampler {
     /// Samples `light`, the `number`-th of a scene; `fixed`: the same points for all receivers.
     pub fn new(light: Light, number: u32, pattern: Pattern, fixed: bool) -> Self {
         let flat = light.normal().map(|normal| {
-            let (low, high) = light.bounds();
-            let size = low.abs().max(high.abs()).max_element().max(1.0);
-            let center = light.center() + normal * (POINT_OFFSET * size);
+            let center = light.center() + lift(&light);
             match light.shape {
                 Shape::Disk { radius, .. } => {
                     let e1 = normal.any_orthonormal_vector();

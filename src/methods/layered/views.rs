@@ -30,6 +30,7 @@ use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use crate::methods::views::{CHUNK, COARSER, Extent, WIDEST, look_face, split};
 use crate::methods::wedges::contour::Casters;
+use crate::sampling::lifted;
 
 /// The least distance from eye to light, over that from the light to the farthest caster. It keeps inverse
 /// depths finite for lights without size, and costs no more than its own part of the resolution.
@@ -76,6 +77,8 @@ pub struct LightViews {
 /// # Errors
 /// None for a light and a scene that were checked; those of [`Camera::new`] otherwise.
 pub fn light_views(light: &Light, casters: &Casters, resolution: u32) -> Result<LightViews> {
+    // What lies in a flat light's plane, but for rounding, is behind it, as it is for light samples.
+    let light = &lifted(light);
     let (foremost, rest) = split(casters, light.center());
     let coarse = (resolution / COARSER).max(LEAST_RESOLUTION);
     let mut groups = Vec::new();

@@ -44,6 +44,7 @@ use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use crate::raster::cover_projected;
 use crate::receivers::Receivers;
+use crate::sampling::lifted;
 use area::area_edges;
 use block::LightFrame;
 use bounds::{Bounds, BoundsList};
@@ -324,7 +325,8 @@ impl PreparedWedges {
         settings: Settings,
         control: &Control,
     ) -> Result<Self> {
-        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        let local = |l: &Light| lifted(&l.to_local(&geometry.frame));
+        let lights: Vec<Light> = lights.iter().map(local).collect();
         let casters = Casters::new(settings.method, geometry, settings.opaque)?;
         let mut clock = Instant::now();
         let mut lap = || {

@@ -1,0 +1,114 @@
+"""A flat light in the plane of a ceiling, a wall or a tilted roof: what it is set into hides none of it."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+import softshadow as ss
+from shapes import quad
+from trimesh.transformations import rotation_matrix
+
+# What is dark or lit as a whole is so in small maps, too.
+POINT_METHODS = {
+    "hard": ss.Hard(),
+    "ssoc": ss.Ssoc(resolution=128),
+    "slsm": ss.Slsm(resolution=128),
+    "mlsm": ss.Mlsm(resolution=128),
+    "mtsm": ss.Mtsm(resolution=128),
+    "mvsm": ss.Mvsm(resolution=128),
+    "pcf": ss.Pcf(resolution=128),
+    "deep": ss.DeepShadow(resolution=128),
+}
+CAMERA_METHODS = ("shadow_volume", "wedges", "accumulation", "convolution")
+ULP = 2.0**-52
+# Off the ceiling, into the room where positive: an ulp of the light's height, and half of what is kept of it in `f32`.
+OFFSETS = (0.0, 2 * ULP, -2 * ULP, 1e-7, -1e-7)
+POSES = {
+    "ceiling": (0.0, (0, 0, 1)),
+    "wall": (np.pi / 2, (1, 0, 0)),
+    "roof": (0.7, (1, 0.4, 0.2)),
+    "slope": (0.3, (0, 1, 1)),
+}
+UNDER, BESIDE = (0.05, 0.02, 0.0), (0.9, -0.8, 0.0)
+
+
+def _rect(center, turn):
+    return ss.RectLight(turn(center), turn((0, 0.5, 0)), turn((0.5, 0, 0)))
+
+
+def _disk(center, turn):
+    return ss.DiskLight(turn(center), turn((0, 0, -1)), 0.25)
+
+
+SHAPES = {"rect": _rect, "disk": _disk}
+
+
+def _room(pose, walls, pieces):
+    rotation = rotation_matrix(*POSES[pose])[:3, :3]
+
+    def turn(p):
+        return np.asarray(p, dtype=np.float64) @ rotation.T
+
+    scene = ss.Scene()
+
+    def add(name, vertices, faces):
+        scene.add((turn(vertices), faces), name)
+
+    add("floor", *quad((0, 0, 0), (2, 0, 0), (0, 2, 0)))
+    add("table", *quad((0, 0, 1), (0.6, 0, 0), (0, 0.6, 0)))
+    # In pieces, so that rounding tilts each its own way.
+    for i in range(pieces):
+        for j in range(pieces):
+            side = 2 / pieces
+            center = ((i + 0.5) * side - 1, (j + 0.5) * side - 1, 2)
+            add(f"ceiling {i} {j}", *quad(center, (side, 0, 0), (0, side, 0)))
+    if walls:
+        for i, (x, y) in enumerate([(1, 0), (0, 1), (-1, 0), (0, -1)]):
+            add(f"wall {i}", *quad((x, y, 1), (2 * y, 2 * x, 0), (0, 0, 2)))
+    return scene, turn
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("method", POINT_METHODS)
+def test_points_under_the_table_are_dark_and_beside_it_lit(method, pose, shape):
+    for walls, pieces in [(False, 1), (True, 3)]:
+        scene, turn = _room(pose, walls, pieces)
+        points, normals = turn([UNDER, BESIDE]), turn([(0, 0, 1)] * 2)
+        for offset in OFFSETS:
+            light = SHAPES[shape]((0, 0, 2 - offset), turn)
+            seen = ss.visibility(scene, points, normals, light, POINT_METHODS[method])
+            assert seen.tolist() == [0, 1], (walls, pieces, offset)
+
+
+@functools.cache
+def _image(method, pose, shape, offset, walls):
+    scene, turn = _room(pose, walls, 2)
+    camera = ss.Camera(
+        turn((0.3, -0.8, 0.5)), turn((0, 0, 0)), up=turn((0, 0, 1)), fov_y_deg=90, width=32, height=32
+    )
+    return ss.render(scene, camera, SHAPES[shape]((0, 0, 2 - offset), turn), method)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("method", CAMERA_METHODS)
+def test_pictures_of_the_room_are_those_of_the_reference(method, pose, shape):
+    for walls in (False, True):
+        for offset in OFFSETS[1:]:
+            image = _image(method, pose, shape, offset, walls)
+            reference = _image(ss.RayTraced(samples=256), pose, shape, 0.0, walls)
+            error = np.abs(image.visibility - reference.visibility)[reference.mask]
+            # A method's own error; with the ceiling before the light it was 0.4.
+            limit = 0.08 if method == "shadow_volume" else 0.02
+            assert error.mean() < limit, (walls, offset, error.mean())
+
+
+@pytest.mark.parametrize("method", ("ray_traced", *POINT_METHODS.values()))
+def test_a_ceiling_clearly_before_the_light_hides_all_of_it(method):
+    scene, turn = _room("ceiling", True, 1)
+    light = _rect((0, 0, 2 + 1e-5), turn)
+    points = [UNDER, BESIDE]
+    assert ss.visibility(scene, points, [(0, 0, 1)] * 2, light, method).tolist() == [0, 0]
