@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench fuzz clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -49,6 +49,12 @@ bench: $(STAMP)
 	$(BIN)/python benches/single_sample.py
 	$(BIN)/python benches/map_rivals.py
 	$(BIN)/python benches/layered.py
+
+## Random scenes through all methods for an hour, from case SEED on; see tests/fuzz.
+SECONDS ?= 3600
+SEED    ?= 0
+fuzz: $(STAMP)
+	cd tests && ../$(BIN)/python -m fuzz --seconds $(SECONDS) --seed $(SEED)
 
 clean:
 	rm -rf $(VENV) target demo

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
+use crate::memory;
 
 /// Counts finished work items and carries the wish to stop.
 ///
@@ -38,13 +39,15 @@ impl Control {
     /// Returns [`Error::Cancelled`] once [`Control::cancel`] was called.
     ///
     /// # Errors
-    /// As said.
+    /// As said, and [`Error::Exhausted`] once memory has run out.
     pub fn check(&self) -> Result<()> {
         if self.cancelled.load(Ordering::Relaxed) {
-            Err(Error::Cancelled)
-        } else {
-            Ok(())
+            return Err(Error::Cancelled);
         }
+        if memory::exhausted() {
+            return Err(Error::Exhausted("the reserve was needed".into()));
+        }
+        Ok(())
     }
 
     /// Asks the kernel to stop at its next step.

@@ -89,6 +89,17 @@ pub enum Error {
         /// What it cannot do, and what to do instead.
         reason: String,
     },
+    /// More memory than there is.
+    #[error("{what} takes {gigabytes:.1} GB, more than there is", gigabytes = *bytes as f64 / 1e9)]
+    Memory {
+        /// What takes it.
+        what: String,
+        /// Bytes that it takes at the same time.
+        bytes: usize,
+    },
+    /// Memory ran out in the middle of a step, or threads could not be started for the want of it.
+    #[error("there is no memory left: {0}")]
+    Exhausted(String),
     /// The caller asked to stop.
     #[error("cancelled")]
     Cancelled,
@@ -103,6 +114,8 @@ pub enum Kind {
     Parameter,
     /// `softshadow.UnsupportedError`
     Unsupported,
+    /// `softshadow.OutOfMemoryError`
+    Memory,
     /// `KeyboardInterrupt`, or what the progress callback raised
     Cancelled,
 }
@@ -113,6 +126,7 @@ impl Error {
         match self {
             Error::Parameter { .. } => Kind::Parameter,
             Error::Unsupported { .. } => Kind::Unsupported,
+            Error::Memory { .. } | Error::Exhausted(_) => Kind::Memory,
             Error::Cancelled => Kind::Cancelled,
             _ => Kind::Scene,
         }

@@ -357,7 +357,8 @@ fn segment_fraction(height: f64, slope: f64) -> f64 {
 /// Fraction of a disk on the positive side of a line, its centre at `x` radii (-1 to 1) on that side.
 pub(crate) fn beyond_line_over_disk(x: f64) -> f64 {
     let x = x.clamp(-1.0, 1.0);
-    1.0 - (x.acos() - x * (1.0 - x * x).sqrt()) / PI
+    // Rounding leaves the interval by an ulp next to its ends.
+    (1.0 - (x.acos() - x * (1.0 - x * x).sqrt()) / PI).clamp(0.0, 1.0)
 }
 
 /// Fraction of a rectangle beyond a line that has `s` (0 to 1) of its width beyond it, of which the shorter
@@ -370,24 +371,47 @@ pub(crate) fn beyond_line_over_rectangle(s: f64, part: f64) -> f64 {
     } else {
         0.0
     };
-    (triangles + (s - part).max(0.0)) / (1.0 - part)
+    // As for a disk, rounding leaves the interval next to its ends.
+    ((triangles + (s - part).max(0.0)) / (1.0 - part)).clamp(0.0, 1.0)
 }
 
 /// Fraction of a spherical cap's solid angle above a plane through the sphere's centre: the cap's
 /// axis has height `cos` over the plane, `sin` is the sine of the cap's half-angle. Tovchigrechko
 /// and Vakser 2001, their intersection of two caps with one of them a hemisphere.
+///
+/// With `x = cos / sin`, `k = cap_cos / axis_sin` and `w = acos(-k x)` their area is
+///
+/// ```text
+///     2π - 2 acos x - 2 cap_cos w  =  2 (asin x - asin(k x)) + 2 (1 - cap_cos) w
+/// ```
+///
+/// of which the left side, and each arcsine of the right, loses all digits of a small cap. The difference of
+/// the arcsines is that of one number, and both terms go with the square of `sin`, as the whole cap's area
+/// `2π (1 - cap_cos)` does.
 fn cap_fraction_above(cos: f64, sin: f64) -> f64 {
     if cos.abs() >= sin {
         return if cos > 0.0 { 1.0 } else { 0.0 };
     }
-    let cap_cos = (1.0 - sin * sin).max(0.0).sqrt();
-    let axis_sin = (1.0 - cos * cos).sqrt();
-    let lens = (cos / sin).clamp(-1.0, 1.0).acos();
-    let wedge = (-cos * cap_cos / (axis_sin * sin)).clamp(-1.0, 1.0).acos();
-    let area = TAU - 2.0 * lens - 2.0 * cap_cos * wedge;
-    // 1 - cos, without cancellation for a small cap.
-    let full = TAU * (sin * sin / (1.0 + cap_cos));
-    (area / full).clamp(0.0, 1.0)
+    let (x, squared) = ((cos / sin).clamp(-1.0, 1.0), sin * sin);
+    let cap_cos = ((1.0 - sin) * (1.0 + sin)).max(0.0).sqrt();
+    let axis_sin = ((1.0 - cos) * (1.0 + cos)).sqrt();
+    let k = (cap_cos / axis_sin).min(1.0);
+    let beyond = (1.0 - x) * (1.0 + x);
+    let sum = ((1.0 - k * x) * (1.0 + k * x)).sqrt() + k * beyond.sqrt();
+    // The sine of the difference, over `sin²`; at the ends both are zero.
+    let sine = if beyond > 0.0 {
+        x * beyond / (axis_sin * axis_sin * sum)
+    } else {
+        0.0
+    };
+    // An arcsine is its argument up to 1e-16 of it, where squares might underflow.
+    let difference = if squared < 1e-16 {
+        sine
+    } else {
+        (squared * sine).clamp(-1.0, 1.0).asin() / squared
+    };
+    let wedge = (-k * x).acos();
+    ((wedge + difference * (1.0 + cap_cos)) / PI).clamp(0.0, 1.0)
 }
 
 /// Irradiance from a sphere of radiance 1 that the tangent plane cuts; `height` is that of its centre.
@@ -453,13 +477,17 @@ fn disk_irradiance(d: DVec3, m: DVec3, radius: f64, n: DVec3) -> f64 {
     }
     let a = d.length_squared() + radius * radius;
     let b = 2.0 * radius * offset;
+    // The distances to the rim's nearest and farthest point, squared `a - b` and `a + b`: next to the rim those
+    // differences are rounding.
+    let to_rim = |across: f64| d.dot(m).hypot(across);
+    let nearest = to_rim(radius - offset);
+    let root = nearest * to_rim(radius + offset);
     // r × dr/dφ = radius (d × e(φ)') + radius² m
     let alpha = radius * radius * n.dot(m);
     let beta = radius * n.dot(d.cross(e2));
     let gamma = -radius * n.dot(d.cross(e1));
     if h0 >= h1 {
         // Over the whole turn γ's part is zero and β's -2π b / (root (root + a)), without cancellation.
-        let root = ((a - b) * (a + b)).max(0.0).sqrt();
         return (PI / root * (alpha - beta * b / (root + a))).abs();
     }
     let middle = hs.atan2(hc);
@@ -467,20 +495,29 @@ fn disk_irradiance(d: DVec3, m: DVec3, radius: f64, n: DVec3) -> f64 {
     let (start, end) = (middle - half, middle + half);
     let point = |phi: f64| d + radius * (phi.cos() * e1 + phi.sin() * e2);
     let chord = contour::edge(point(end), point(start)).dot(n);
-    let arc = rational_arc(a, b, alpha, beta, gamma, start, end);
+    let arc = rational_arc(
+        [a, b, nearest * nearest, root],
+        [alpha, beta, gamma],
+        start,
+        end,
+    );
     (0.5 * arc + chord).abs()
 }
 
 /// `∫ (α + β cos φ + γ sin φ) / (a + b cos φ) dφ` from `start` to `end`, for `a > b ≥ 0` and an
-/// interval no longer than a full turn.
-fn rational_arc(a: f64, b: f64, alpha: f64, beta: f64, gamma: f64, start: f64, end: f64) -> f64 {
-    let root = ((a - b) * (a + b)).max(0.0).sqrt();
+/// interval no longer than a full turn; `less` is `a - b`, and `root` that of `a² - b²`.
+fn rational_arc(
+    [a, b, less, root]: [f64; 4],
+    [alpha, beta, gamma]: [f64; 3],
+    start: f64,
+    end: f64,
+) -> f64 {
     // Antiderivative of 1/(a + b cos φ), continuous over all φ: the half-angle's arctangent jumps
     // by π at every odd multiple of π, which the count of turns undoes.
     let inverse = |phi: f64| {
         let turns = ((phi + PI) / TAU).floor();
         let half = 0.5 * (phi - turns * TAU);
-        2.0 / root * (((a - b) * half.sin()).atan2(root * half.cos()) + turns * PI)
+        2.0 / root * ((less * half.sin()).atan2(root * half.cos()) + turns * PI)
     };
     let i0 = inverse(end) - inverse(start);
     // Below this ratio (φ - a I0)/b loses more digits than the series' next term, (b/a)², holds.
@@ -492,13 +529,94 @@ fn rational_arc(a: f64, b: f64, alpha: f64, beta: f64, gamma: f64, start: f64, e
         return alpha * i0 + (beta * (s - k * cos2) + gamma * (-c - k * sin_cos)) / a;
     }
     let cosine = ((end - start) - a * i0) / b;
-    let sine = -((a + b * end.cos()) / (a + b * start.cos())).ln() / b;
+    // `a + b cos φ`, which cancels where the receiver is next to the rim.
+    let squared = |phi: f64| less + 2.0 * b * (0.5 * phi).cos().powi(2);
+    let sine = -(squared(end) / squared(start)).ln() / b;
     alpha * i0 + beta * cosine + gamma * sine
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    /// A number and those some ulps beside it.
+    fn beside(x: f64, ulps: i64) -> f64 {
+        (0..ulps.abs()).fold(x, |x, _| if ulps > 0 { x.next_up() } else { x.next_down() })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        /// Next to the ends of their intervals, in the middle, and beyond.
+        #[test]
+        fn parts_of_a_light_are_never_negative_and_never_more_than_all(
+            end in prop::sample::select(vec![-1.0, 0.0, 0.5, 1.0]), ulps in -40i64..=40, wide in -1.2..1.2f64,
+            part in prop::sample::select(vec![0.0, 1e-300, 1e-17, 1e-9, 0.1, 1.0 / 3.0, 0.5]),
+            sin in prop::sample::select(vec![1e-200, 1e-160, 1e-9, 1e-4, 0.3, 1.0 - 1e-16, 1.0]),
+        ) {
+            for x in [beside(end, ulps), wide, beside(part, ulps), beside(1.0 - part, ulps)] {
+                let all = [
+                    beyond_line_over_disk(x),
+                    beyond_line_over_rectangle(x.clamp(0.0, 1.0), part),
+                    cap_fraction_above(x * sin, sin),
+                    cap_fraction_above(beside(end * sin, ulps), sin),
+                ];
+                prop_assert!(all.iter().all(|v| (0.0..=1.0).contains(v)), "{x} {part} {sin}: {all:?}");
+            }
+        }
+
+        /// Tangent planes that touch a light's border or nearly do, and points on the rim of a disk or nearly so.
+        #[test]
+        fn a_light_that_the_tangent_plane_touches_sends_nothing_negative(
+            direction in prop::array::uniform3(-1.0..1.0f64), turn in 0.0..TAU, ulps in -8i64..=8,
+            exponent in -12..2i32, radius in prop::sample::select(vec![1e-200, 1e-8, 0.3, 5.0]),
+        ) {
+            let m = DVec3::from(direction).normalize_or(DVec3::Z);
+            let e = m.any_orthonormal_vector();
+            let rim = turn.cos() * e + turn.sin() * m.cross(e);
+            let near = beside(radius, ulps) * rim - m * 10f64.powi(exponent);
+            for light in [
+                Light::disk(DVec3::ZERO, -m, radius, [1.0; 3]).unwrap(),
+                Light::sphere(DVec3::ZERO, radius, [1.0; 3]).unwrap(),
+                Light::rect(DVec3::ZERO, radius.max(1e-100) * e, m.cross(e), [1.0; 3]).unwrap(),
+            ] {
+                for p in [near, -near, near + 0.5 * rim, DVec3::from(direction)] {
+                    // Normals across the direction to the border, and some ulps of it up and down.
+                    let to = (radius * rim - p).normalize_or(m);
+                    let across = to.cross(m).normalize_or(e);
+                    for lift in [0.0, 1e-16, -1e-16, 1e-12, -1e-12, 0.1] {
+                        for n in [to.cross(across) + lift * to, across + lift * to] {
+                            let n = n.normalize_or(m);
+                            let h = light.fraction_above(p, n);
+                            prop_assert!((0.0..=1.0).contains(&h), "{light:?} {p} {n}: {h}");
+                            let e = light.unshadowed_irradiance(p, n);
+                            // All of a hemisphere sends π; next to a rim the terms cancel.
+                            prop_assert!((0.0..=PI * (1.0 + 1e-4)).contains(&e), "{light:?} {p} {n}: {e}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn of_a_small_sphere_as_much_is_above_as_of_the_disk_that_it_looks_like() {
+        for sin in [1e-200, 1e-150, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3] {
+            for x in [-0.99, -0.3, 0.0, 0.2, 0.7, 0.999] {
+                let (got, disk) = (cap_fraction_above(x * sin, sin), beyond_line_over_disk(x));
+                assert!(
+                    (got - disk).abs() < 1e-15 + sin * sin,
+                    "{sin} {x}: {got} {disk}"
+                );
+            }
+        }
+        // A hemisphere: a lune.
+        for x in [-0.9f64, -0.2, 0.0, 0.5, 0.8] {
+            let lune = 1.0 - x.acos() / PI;
+            assert!((cap_fraction_above(x, 1.0) - lune).abs() < 1e-15);
+        }
+    }
 
     /// Midpoint rule over the light's area or solid angle: irradiance and fraction above.
     fn brute_force(light: &Light, p: DVec3, n: DVec3, steps: usize) -> (f64, f64) {

@@ -10,7 +10,16 @@ use glam::{DAffine3, DVec3};
 
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
+use crate::memory;
 use crate::mesh::{TriMesh, check_finite};
+
+/// Bytes that adding a mesh takes for a face and a vertex, and building what methods need of a scene (adjacency,
+/// hierarchy, outlines). Measured on a million triangles: a process grows by 85 MB when they are added, and by 380 MB
+/// at most while `ray_traced` is prepared.
+const ADD_FACE: usize = 80;
+const ADD_VERTEX: usize = 40;
+const BUILD_FACE: usize = 400;
+const BUILD_VERTEX: usize = 64;
 
 /// How an entry looks and what it takes part in.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,6 +82,8 @@ impl Scene {
     ) -> Result<()> {
         let what = format!("mesh {name:?}");
         self.check_new(name, &what, material)?;
+        let bytes = ADD_FACE * faces.len() + ADD_VERTEX * vertices.len();
+        memory::check(|| format!("{what}: adding it"), bytes)?;
         let mesh = Arc::new(TriMesh::new(name, vertices, faces)?);
         self.push(name, Shape::Mesh(mesh, DAffine3::IDENTITY), material);
         Ok(())
@@ -151,6 +162,12 @@ impl Scene {
     /// An empty scene, or one too large for 32-bit indices.
     pub fn geometry(&mut self) -> Result<Arc<Geometry>> {
         if self.current.is_none() {
+            let sizes = self.entries.iter().filter_map(|e| match &e.shape {
+                Shape::Mesh(mesh, _) => Some([mesh.faces().len(), mesh.vertices().len()]),
+                Shape::Spheres(_) => None,
+            });
+            let bytes = sizes.map(|[f, v]| BUILD_FACE * f + BUILD_VERTEX * v).sum();
+            memory::check(|| "scene: what is built for it".into(), bytes)?;
             let built = Geometry::new(&self.entries, self.previous.as_deref())?;
             self.previous = None;
             self.current = Some(Arc::new(built));

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import softshadow as ss
 from closed_forms import FLOOR, MANY, METHODS
+from fuzz.checks import METHODS as SMALL
 from shapes import geodesic
 
 # ---------------------------------------------------------------- who casts, who receives, sums
@@ -75,13 +76,42 @@ def test_several_lights_add_up():
     # Three terms in single precision.
     assert np.abs(together.radiance - total).max() <= 3 * 2.0**-24 * total.max()
     traced = ss.render(scene, VIEW, lights, METHODS["ray_traced"])
-    first = ss.render(scene, VIEW, lights[0], METHODS["ray_traced"])
-    assert np.array_equal(traced.visibility[0], first.visibility)
-    # The other lights have their own samples, and the same shadows.
+    # Every light has the shadows that many samples of it have.
     for k, light in enumerate(lights):
         exact = ss.render(scene, VIEW, light, MANY)
         assert np.abs(traced.visibility[k] - exact.visibility).max() < 0.08
         assert np.abs(traced.visibility[k] - exact.visibility).mean() < 0.003
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_light_has_the_same_bits_alone_and_in_company_in_any_order(name):
+    lights = [
+        WIDE,
+        ss.SphereLight((-1, 0.5, 1.5), 0.3, 2.0),
+        ss.DiskLight((0, 2, 1), (0, -2, -1), 0.4),
+        WIDE,
+    ]
+    scene = _penumbra_scene()
+    small = ss.Camera((0.4, -2.2, 2.2), (0, 0, 0.1), width=24, height=16)
+    alone = [ss.render(scene, small, light, SMALL[name]).visibility for light in lights]
+    assert any((v > 0).any() and (v < 1).any() for v in alone)
+    for order in ([0, 1, 2, 3], [2, 0, 1], [1, 2]):
+        together = ss.render(scene, small, [lights[k] for k in order], SMALL[name])
+        for k, seen in zip(order, together.visibility, strict=True):
+            assert np.array_equal(seen, alone[k]), (order, k)
+
+
+def test_errors_of_lights_that_share_samples_are_no_larger_than_those_of_one():
+    """The least favourable lights: all in one place, so that no error evens out another."""
+    scene = _penumbra_scene()
+
+    def relative(lights, method):
+        image, exact = (ss.render(scene, VIEW, lights, m).radiance for m in (method, MANY))
+        return np.sqrt(np.mean((image - exact) ** 2) / np.mean(exact**2))
+
+    alone = relative([WIDE], METHODS["ray_traced"])
+    # Sums in single precision; the reference shares its samples, too.
+    assert relative([WIDE] * 3, METHODS["ray_traced"]) <= alone * (1 + 1e-3)
 
 
 # ---------------------------------------------------------------- bits

@@ -12,7 +12,13 @@ row 0 on top, *visibility* is 1 where fully lit and 0 in the umbra.
 """
 
 from softshadow import kernels, metrics, mitsuba, plot, scenes
-from softshadow._core import ParameterError, SceneError, UnsupportedError, __version__
+from softshadow._core import (
+    OutOfMemoryError,
+    ParameterError,
+    SceneError,
+    UnsupportedError,
+    __version__,
+)
 from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
@@ -56,6 +62,7 @@ __all__ = [
     "Mlsm",
     "Mtsm",
     "Mvsm",
+    "OutOfMemoryError",
     "ParameterError",
     "Pcf",
     "Polygon",

@@ -19,6 +19,7 @@ __all__ = [
     "Camera",
     "Light",
     "Method",
+    "OutOfMemoryError",
     "ParameterError",
     "Prepared",
     "Scene",
@@ -36,6 +37,7 @@ kernels: ModuleType
 
 class SceneError(ValueError): ...
 class ParameterError(ValueError): ...
+class OutOfMemoryError(ParameterError, MemoryError): ...
 class UnsupportedError(ValueError): ...
 
 @final

@@ -10,10 +10,12 @@ use pyo3::types::PyDict;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::Frame;
+use crate::memory;
 
 /// The rows of an (N, 3) array, whatever its strides.
 pub(super) fn points(array: &PyReadonlyArray2<'_, f64>, what: &str) -> Result<Vec<DVec3>> {
     check_columns(array.shape(), 3, what)?;
+    check_memory(array.shape(), what)?;
     let view = array.as_array();
     Ok(view
         .rows()
@@ -25,6 +27,7 @@ pub(super) fn points(array: &PyReadonlyArray2<'_, f64>, what: &str) -> Result<Ve
 /// The rows of an (N, 3) array of vertex indices.
 pub(super) fn faces(array: &PyReadonlyArray2<'_, i64>, what: &str) -> Result<Vec<[i64; 3]>> {
     check_columns(array.shape(), 3, what)?;
+    check_memory(array.shape(), what)?;
     let view = array.as_array();
     Ok(view
         .rows()
@@ -47,6 +50,12 @@ pub(super) fn matrix(array: &PyReadonlyArray2<'_, f64>, what: &str) -> Result<DM
     let view = array.as_array();
     let flat: [f64; 16] = std::array::from_fn(|i| view[[i / 4, i % 4]]);
     Ok(DMat4::from_cols_array(&flat).transpose())
+}
+
+/// Whether there is memory for a copy of an array of three columns; large inputs all come through here.
+fn check_memory(shape: &[usize], what: &str) -> Result<()> {
+    super::ready()?;
+    memory::check(|| format!("{what}: its array"), 24 * shape[0])
 }
 
 fn check_columns(shape: &[usize], columns: usize, what: &str) -> Result<()> {

@@ -338,7 +338,7 @@ pub(super) mod kernels {
         };
         let light = world.to_local(&frame);
         let n = samples as usize;
-        let sampler = Sampler::new(light, 0, Pattern::new(n, seed), true);
+        let sampler = Sampler::new(light, Pattern::new(n, seed), true);
         let mut out = LightSamples::default();
         sampler.fill(0, frame.to_local(p), DVec3::ZERO, &mut out);
         let points: Vec<f64> = (0..n)

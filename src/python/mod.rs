@@ -27,15 +27,18 @@ mod wedges;
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, TryLockError, mpsc};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError, mpsc};
 use std::time::Duration;
 
 use pyo3::create_exception;
-use pyo3::exceptions::{PyKeyboardInterrupt, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyType};
 
 use crate::control::Control;
 use crate::error::{Error, Kind, Result};
+use crate::memory;
 
 #[global_allocator]
 static ALLOCATOR: allocator::Allocator = allocator::Allocator;
@@ -59,6 +62,25 @@ create_exception!(
     "A method cannot do what is asked of it."
 );
 
+/// `OutOfMemoryError`: what asks for too much is a parameter out of its range, and what there is no memory for.
+fn out_of_memory(py: Python<'_>) -> PyResult<Bound<'_, PyType>> {
+    static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    let class = CLASS.get_or_try_init(py, || {
+        let bases = (
+            py.get_type::<ParameterError>(),
+            py.get_type::<PyMemoryError>(),
+        );
+        let body = PyDict::new(py);
+        body.set_item("__module__", "softshadow._core")?;
+        body.set_item("__doc__", "Something takes more memory than there is.")?;
+        let class = py
+            .get_type::<PyType>()
+            .call1(("OutOfMemoryError", bases, body))?;
+        Ok::<_, PyErr>(class.cast_into::<PyType>()?.unbind())
+    })?;
+    Ok(class.bind(py).clone())
+}
+
 /// How often a running kernel's caller looks for Ctrl-C and reports progress: two chances within the
 /// 0.2 s in which an interrupt must be answered.
 const POLL: Duration = Duration::from_millis(50);
@@ -70,6 +92,10 @@ impl From<Error> for PyErr {
             Kind::Scene => SceneError::new_err(message),
             Kind::Parameter => ParameterError::new_err(message),
             Kind::Unsupported => UnsupportedError::new_err(message),
+            Kind::Memory => Python::attach(|py| match out_of_memory(py) {
+                Ok(class) => PyErr::from_type(class, message),
+                Err(error) => error,
+            }),
             Kind::Cancelled => PyKeyboardInterrupt::new_err(message),
         }
     }
@@ -100,6 +126,7 @@ fn run<T: Send + 'static>(
     progress: Option<&Py<PyAny>>,
     work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
+    ready()?;
     let control = Arc::new(Control::default());
     let (finished, mut wait) = mpsc::channel();
     let shared = control.clone();
@@ -109,12 +136,17 @@ fn run<T: Send + 'static>(
             let result = catch_unwind(AssertUnwindSafe(|| in_pool(|| work(&shared))));
             // Nobody listens any more when the caller was interrupted.
             let _ = finished.send(result);
-        })?;
+        })
+        .map_err(no_threads)?;
     loop {
         // Exclusive, since a receiver may only be used by one thread at a time.
         let exclusive = &mut wait;
         match py.detach(move || exclusive.recv_timeout(POLL)) {
             Ok(Ok(result)) => return Ok(result?),
+            // What libraries do not expect to be refused.
+            Ok(Err(_)) if memory::exhausted() => {
+                return Err(Error::Exhausted("a step needed more than was left".into()).into());
+            }
             Ok(Err(panic)) => return Err(internal_error(panic.as_ref())),
             Err(mpsc::RecvTimeoutError::Disconnected) => return Err(internal_error(&"no result")),
             Err(mpsc::RecvTimeoutError::Timeout) => {}
@@ -130,6 +162,43 @@ fn run<T: Send + 'static>(
     }
 }
 
+/// What has to be there before anything that takes memory or threads.
+fn ready() -> Result<()> {
+    allocator::take_reserve();
+    start_threads()
+}
+
+/// Starts rayon's threads, and before that as many for a moment: the pool that cannot be started once can never be.
+fn start_threads() -> Result<()> {
+    static STARTED: Mutex<bool> = Mutex::new(false);
+    let mut started = STARTED.lock().unwrap_or_else(PoisonError::into_inner);
+    if *started {
+        return Ok(());
+    }
+    rayon::ThreadPoolBuilder::new()
+        .build()
+        .map_err(|e| Error::Exhausted(format!("threads cannot be started ({e})")))?;
+    // Somebody else in this process may have started it.
+    let _ = rayon::ThreadPoolBuilder::new().build_global();
+    *started = true;
+    Ok(())
+}
+
+/// Keeps panics for the want of memory from being told on standard error: telling takes memory, and whoever runs out of
+/// it while the stack is being told waits for ever.
+fn quiet_when_exhausted() {
+    let usual = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| {
+        if !memory::exhausted() {
+            usual(info);
+        }
+    }));
+}
+
+fn no_threads(error: std::io::Error) -> PyErr {
+    Error::Exhausted(format!("a thread cannot be started ({error})")).into()
+}
+
 /// What a panic becomes: it is a defect here, never the caller's.
 fn internal_error(panic: &(dyn Any + Send)) -> PyErr {
     let text = panic
@@ -142,6 +211,8 @@ fn internal_error(panic: &(dyn Any + Send)) -> PyErr {
 
 #[pymodule]
 mod _core {
+    use pyo3::prelude::*;
+
     #[pymodule_export]
     use super::accumulation::{PyTextures, textures};
     #[pymodule_export]
@@ -153,6 +224,12 @@ mod _core {
 
     #[pymodule_export]
     use super::kernels::kernels;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        super::quiet_when_exhausted();
+        module.add("OutOfMemoryError", super::out_of_memory(module.py())?)
+    }
 
     #[pymodule_export]
     #[allow(non_upper_case_globals, reason = "the name that Python expects")]

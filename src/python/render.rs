@@ -17,7 +17,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::memory::{fill, unwritten, written};
+use crate::memory::{self, fill, unwritten, written};
 use crate::methods::{Prepared, Shading, far};
 use crate::raster::tile_count;
 use crate::receivers::{BLOCK, Receivers, Surface, from_camera, most_groups};
@@ -337,14 +337,8 @@ const LIGHT_BYTES: usize = 24;
 /// process.
 fn check_memory(camera: &Camera, lights: usize) -> Result<()> {
     let bytes = (PIXEL_BYTES + LIGHT_BYTES * lights).saturating_mul(camera.pixels());
-    if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
-        return Ok(());
-    }
     let (width, height) = (camera.width, camera.height);
-    let gigabytes = bytes as f64 / 1e9;
-    let reason =
-        format!("an image of {width} x {height} takes {gigabytes:.1} GB, more than there is");
-    Err(Error::parameter("Camera", reason))
+    memory::check(|| format!("Camera: an image of {width} x {height}"), bytes)
 }
 
 /// From the receivers' order to the user's.

@@ -6,6 +6,10 @@
 //! was done. A receiver's own pattern flips the digits of all points by two random words, which keeps
 //! the stratification and makes every sample uniform.
 //!
+//! Nothing here depends on a light's place among others, so that it has the same bits alone and in company. A
+//! receiver's errors under several lights are then not independent: those of the sum are at most the sum of
+//! each light's (Minkowski), so as a part of the light never more than those of the worst light alone.
+//!
 //! Flat lights are sampled uniformly in area, spheres uniformly in the solid angle of the cap that
 //! the receiver sees. Disks and caps use Shirley and Chiu's concentric map.
 //!
@@ -70,15 +74,14 @@ const WIDEST_CAP: f64 = 0.17;
 pub struct Sampler {
     light: Light,
     pattern: Pattern,
-    number: u32,
     fixed: bool,
     /// Flat lights: centre, half edges (a disk: two radii) moved off the light, emitting normal.
     flat: Option<Flat>,
 }
 
 impl Sampler {
-    /// Samples `light`, the `number`-th of a scene; `fixed`: the same points for all receivers.
-    pub fn new(light: Light, number: u32, pattern: Pattern, fixed: bool) -> Self {
+    /// Samples `light`; `fixed`: the same points for all receivers.
+    pub fn new(light: Light, pattern: Pattern, fixed: bool) -> Self {
         let flat = light.normal().map(|normal| {
             let center = light.center() + lift(&light);
             match light.shape {
@@ -112,7 +115,6 @@ impl Sampler {
         Sampler {
             light,
             pattern,
-            number,
             fixed,
             flat,
         }
@@ -200,7 +202,7 @@ impl Sampler {
         let scramble = if self.fixed {
             [0, 0]
         } else {
-            self.pattern.scramble(self.number, index)
+            self.pattern.scramble(index)
         };
         match (&self.flat, Cap::new(&self.light, p)) {
             (Some(flat), _) => {
@@ -261,7 +263,7 @@ mod tests {
         ];
         let p = DVec3::new(-0.1, 0.2, 0.0);
         for light in lights {
-            let sampler = Sampler::new(light, 0, Pattern::new(4096, 1), false);
+            let sampler = Sampler::new(light, Pattern::new(4096, 1), false);
             let mut out = LightSamples::default();
             for n in [DVec3::Z, DVec3::new(0.98, 0.0, 0.2).normalize()] {
                 sampler.fill(9, p, n, &mut out);

@@ -99,7 +99,7 @@ mod tests {
     fn points_on_a_sphere_weigh_as_much_as_the_solid_angle_seen_from_anywhere_in_the_region() {
         let center = DVec3::new(0.1, 0.2, 0.9);
         let light = Light::sphere(center, 0.3, [1.0; 3]).unwrap();
-        let sampler = Sampler::new(light, 0, Pattern::part(0..4096, 1), true);
+        let sampler = Sampler::new(light, Pattern::part(0..4096, 1), true);
         let corner = |x, y| DVec3::new(x, y, 0.0);
         let corners = [
             corner(-0.8, -0.8),
@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn points_of_flat_lights_are_those_of_every_receiver() {
         let light = Light::disk(DVec3::new(0.0, 0.1, 1.0), DVec3::NEG_Z, 0.2, [1.0; 3]).unwrap();
-        let sampler = Sampler::new(light, 0, Pattern::new(50, 9), true);
+        let sampler = Sampler::new(light, Pattern::new(50, 9), true);
         let mut samples = LightSamples::default();
         sampler.fill(3, DVec3::new(0.4, 0.0, 0.0), DVec3::Z, &mut samples);
         for (i, point) in sampler.shared(&[DVec3::ZERO]).iter().enumerate() {

@@ -155,7 +155,7 @@ proptest! {
             1 => Light::disk(c, vec(0.1, 0.3, -1.0), size, [1.0; 3]),
             _ => Light::sphere(c, size, [1.0; 3]),
         }.unwrap();
-        let sampler = Sampler::new(light, 0, Pattern::new(n, seed), false);
+        let sampler = Sampler::new(light, Pattern::new(n, seed), false);
         let mut out = LightSamples::default();
         sampler.fill(index, p, DVec3::Z, &mut out);
         out.find_cells();

@@ -12,6 +12,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Geometry, Sphere};
 use crate::light::Light;
+use crate::memory;
 
 /// Largest side of a texture that can be asked for.
 pub const MOST_TEXELS: u32 = 1 << 13;
@@ -136,10 +137,10 @@ impl Atlas {
         let most = drawing.saturating_mul(rayon::current_num_threads());
         let total = bytes.saturating_add(most);
         let gigabytes = |b: usize| b as f64 / 1e9;
-        if total > self.layout.memory || Vec::<u8>::new().try_reserve_exact(total).is_err() {
+        if total > self.layout.memory {
             let reason = format!(
-                "{} textures take {:.2} GB and drawing them {:.2} GB, more than memory_limit={:.2} GB or than \
-                 there is; a larger texel or a smaller max_size takes less",
+                "{} textures take {:.2} GB and drawing them {:.2} GB, more than memory_limit={:.2} GB; \
+                 a larger texel or a smaller max_size takes less",
                 keys.len(),
                 gigabytes(bytes),
                 gigabytes(most),
@@ -147,6 +148,14 @@ impl Atlas {
             );
             return Err(Error::parameter(self.layout.names[1], reason));
         }
+        let what = || {
+            format!(
+                "{}: {} textures and drawing them",
+                self.layout.names[1],
+                keys.len()
+            )
+        };
+        memory::check(what, total)?;
         Ok(bytes)
     }
 

@@ -145,7 +145,6 @@ impl Accumulation {
         let scene = Scene {
             side,
             light: &atlas.lights[key.light as usize],
-            number: key.light,
             seed: self.seed,
             occluders: &found,
         };

@@ -55,10 +55,8 @@ pub struct Texture {
 pub struct Scene<'a> {
     /// The receiver's lit side.
     pub side: Side,
-    /// The light, local, its number and the seed of its points.
+    /// The light, local.
     pub light: &'a Light,
-    /// The light's number among several.
-    pub number: u32,
     /// Seed of the light points.
     pub seed: u64,
     /// What may cast.
@@ -155,7 +153,7 @@ impl Texture {
         while self.samples < samples {
             let end = (self.samples + batch(self.size, transparent)).min(samples);
             let pattern = Pattern::part(self.samples..end, scene.seed);
-            let sampler = Sampler::new(*scene.light, scene.number, pattern, true);
+            let sampler = Sampler::new(*scene.light, pattern, true);
             let points = sampler.shared(&corners);
             let side = &scene.side;
             let draw = |point: &SharedPoint| {

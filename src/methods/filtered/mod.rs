@@ -123,15 +123,8 @@ impl PreparedFilter {
     ) -> Result<Self> {
         let frame = &casters.geometry().frame;
         let start = Instant::now();
-        let maps = lights.iter().enumerate().map(|(i, light)| {
-            LightMaps::new(
-                &light.to_local(frame),
-                i as u32,
-                casters,
-                settings,
-                layers,
-                control,
-            )
+        let maps = lights.iter().map(|light| {
+            LightMaps::new(&light.to_local(frame), casters, settings, layers, control)
         });
         Ok(PreparedFilter {
             maps: maps.collect::<Result<_>>()?,
@@ -170,13 +163,12 @@ pub struct LightMaps {
 }
 
 impl LightMaps {
-    /// Draws the maps of light number `number`, local.
+    /// Draws the maps of a light, local.
     ///
     /// # Errors
     /// Maps that do not fit into memory, or [`Error::Cancelled`].
     pub fn new(
         light: &Light,
-        number: u32,
         casters: &Casters,
         settings: &Settings,
         layers: &Layers,
@@ -194,7 +186,7 @@ impl LightMaps {
         let pattern = Pattern::new(settings.samples, settings.seed);
         Ok(LightMaps {
             light: *light,
-            sampler: Sampler::new(*light, number, pattern, false),
+            sampler: Sampler::new(*light, pattern, false),
             groups,
             estimate: settings.estimate,
             bias: settings.bias.map(|b| b / casters.geometry().frame.unit),

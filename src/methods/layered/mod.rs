@@ -221,7 +221,7 @@ impl Layered {
         let group = |maps: &Vec<Given>| maps.iter().map(make).collect();
         let groups = groups.iter().map(group).collect::<Result<_>>()?;
         Ok(PreparedLayered {
-            lights: vec![LightMaps::new(self.sampler(light, 0), groups)],
+            lights: vec![LightMaps::new(self.sampler(light), groups)],
             tracing: self.tracing(frame),
             seconds: Vec::new(),
         })
@@ -239,9 +239,9 @@ impl Layered {
     }
 
     /// The light points of a local light, the `number`-th of a scene.
-    fn sampler(&self, light: Light, number: usize) -> Sampler {
+    fn sampler(&self, light: Light) -> Sampler {
         let pattern = Pattern::new(self.settings.samples as usize, self.settings.seed);
-        Sampler::new(light, number as u32, pattern, true)
+        Sampler::new(light, pattern, true)
     }
 }
 
@@ -328,10 +328,10 @@ impl Method for Layered {
         let casters = Casters::new(self.name(), geometry, self.takes_transparent())?;
         let start = Instant::now();
         let mut found = Vec::with_capacity(lights.len());
-        for (number, light) in lights.iter().enumerate() {
+        for light in lights {
             let light = light.to_local(&frame);
             let groups = self.maps(&casters, &light, control)?;
-            found.push(LightMaps::new(self.sampler(light, number), groups));
+            found.push(LightMaps::new(self.sampler(light), groups));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,

@@ -182,7 +182,7 @@ impl Method for Mvsm {
         let start = Instant::now();
         let pattern = Pattern::new(self.samples, self.seed);
         let mut found = Vec::with_capacity(lights.len());
-        for (number, light) in lights.iter().enumerate() {
+        for light in &lights {
             let (mut maps, mut groups) = (Vec::new(), Vec::new());
             for point in view_points(light, DVec3::ZERO, self.views) {
                 let shape = match light.normal() {
@@ -213,7 +213,7 @@ impl Method for Mvsm {
                     .iter()
                     .map(|m: &LayerMap| Source::new(light, &m.view.camera))
                     .collect(),
-                sampler: Sampler::new(*light, number as u32, pattern.clone(), true),
+                sampler: Sampler::new(*light, pattern.clone(), true),
                 maps,
                 groups,
             });

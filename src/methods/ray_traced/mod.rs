@@ -98,8 +98,7 @@ impl Method for RayTraced {
         let pattern = Pattern::new(self.samples, self.seed);
         let lights = lights
             .iter()
-            .enumerate()
-            .map(|(number, light)| {
+            .map(|light| {
                 let light = light.to_local(&geometry.frame);
                 let mut stack = Vec::new();
                 let mut touches = |bvh| touches_light(bvh, &light, &mut stack);
@@ -108,7 +107,7 @@ impl Method for RayTraced {
                         .transparent
                         .as_ref()
                         .is_some_and(|(bvh, _)| touches(bvh));
-                let sampler = Sampler::new(light, number as u32, pattern.clone(), self.fixed);
+                let sampler = Sampler::new(light, pattern.clone(), self.fixed);
                 PreparedLight {
                     sampler,
                     cull: self.cull && !cut,

@@ -19,15 +19,15 @@ pub enum Falloff {
 }
 
 impl Falloff {
-    /// Visibility where `s` (0 or more) of the width is beyond the edge; `part` as of [`Outline::radius`].
+    /// Visibility, 0 to 1, where `s` of the width is beyond the edge; `part` as of [`Outline::radius`].
     #[inline(always)]
     pub fn visible(self, s: f64, part: f64, outline: &Outline) -> f64 {
         if s >= 1.0 {
             return 1.0;
         }
         match (self, outline) {
-            (Falloff::Linear, _) => s,
-            (Falloff::Smooth, _) => s * s * (3.0 - 2.0 * s),
+            (Falloff::Linear, _) => s.max(0.0),
+            (Falloff::Smooth, _) => (s * s * (3.0 - 2.0 * s)).clamp(0.0, 1.0),
             (Falloff::Light, Outline::Rect(..)) => beyond_line_over_rectangle(s, part),
             (Falloff::Light, _) => beyond_line_over_disk(2.0 * s - 1.0),
         }

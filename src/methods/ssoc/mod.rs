@@ -42,6 +42,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::memory;
 use crate::raster::tile_count;
 use crate::receivers::Receivers;
 use falloff::Falloff;
@@ -157,12 +158,7 @@ impl Ssoc {
 fn check_memory(views: &[View], texel_bytes: usize) -> Result<()> {
     let texels: usize = views.iter().map(|v| v.camera.pixels()).sum();
     let bytes = texels.saturating_mul(texel_bytes);
-    if Vec::<u8>::new().try_reserve_exact(bytes).is_ok() {
-        return Ok(());
-    }
-    let gigabytes = bytes as f64 / 1e9;
-    let reason = format!("its maps take {gigabytes:.1} GB, more than there is");
-    Err(Error::parameter("Ssoc", reason))
+    memory::check(|| "Ssoc: all of its maps".into(), bytes)
 }
 
 struct PreparedSsoc {

@@ -150,7 +150,10 @@ unsafe fn cover_lanes<S: Lanes>(
             let s = s.max(zero).min(S::splat(1.0));
             let s = match wedge.falloff {
                 Falloff::Linear => s,
-                Falloff::Smooth => s.mul(s).mul(S::splat(3.0).sub(s.add(s))),
+                Falloff::Smooth => {
+                    let smooth = s.mul(s).mul(S::splat(3.0).sub(s.add(s)));
+                    smooth.min(S::splat(1.0))
+                }
                 Falloff::Line if wedge.part < 0.0 => line_over_disk::<S>(s),
                 Falloff::Line => line_over_rectangle::<S>(s, wedge.part),
             };
@@ -200,7 +203,8 @@ unsafe fn line_over_disk<S: Lanes>(s: S) -> S {
         let pi = std::f32::consts::PI;
         // The angle of the arc, less the triangle.
         let hidden = angle::<S>(y, x).sub(x.mul(y)).mul(S::splat(1.0 / pi));
-        S::splat(1.0).sub(hidden)
+        let one = S::splat(1.0);
+        one.sub(hidden).max(S::splat(0.0)).min(one)
     }
 }
 
@@ -216,6 +220,7 @@ unsafe fn line_over_rectangle<S: Lanes>(s: S, part: f32) -> S {
         let end = s.sub(S::splat(1.0 - short)).max(zero);
         let straight = s.sub(S::splat(short)).max(zero);
         let quadratic = ramp.mul(ramp).sub(end.mul(end)).mul(S::splat(0.5 / short));
-        quadratic.add(straight).mul(S::splat(1.0 / (1.0 - short)))
+        let part = quadratic.add(straight).mul(S::splat(1.0 / (1.0 - short)));
+        part.max(zero).min(S::splat(1.0))
     }
 }
