@@ -53,10 +53,23 @@ class Bake(Sequence[BakedTexture]):
 
     def __init__(self, job: Job, method: Method) -> None:
         self._job = job
-        self.method = method
-        self.seconds = job.seconds
-        self.bytes = job.bytes
+        self._method = method
         self._known: dict[int, BakedTexture] = {}
+
+    @property
+    def method(self) -> Method:
+        """The method, with the parameters that it began with."""
+        return self._method
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall-clock seconds, by stage."""
+        return dict(self._job.seconds)
+
+    @property
+    def bytes(self) -> int:
+        """Of all textures' sums (accumulation) or of the points (other methods)."""
+        return self._job.bytes
 
     @property
     def samples(self) -> int | None:

@@ -25,7 +25,7 @@ from softshadow.light_maps import (
     trace_layered_maps,
 )
 from softshadow.methods import SingleSample, Wedges
-from softshadow.scene import Scene, _curve_arrays
+from softshadow.scene import Scene, curve_arrays
 
 __all__ = [
     "LayeredMap",
@@ -119,7 +119,7 @@ def curve_tubes(
     ValueError, TypeError
         As `Scene.add_curves`.
     """
-    arrays = _curve_arrays("curves", points, offsets, radii)
+    arrays = curve_arrays("curves", points, offsets, radii)
     vertices, faces = _kernels.curve_tubes("curves", *arrays, sides)
     return vertices, faces
 

@@ -112,6 +112,37 @@ impl PyScene {
         self.with(|scene| scene.add_spheres(name, &centers, &arrays::values(&radii), material))
     }
 
+    fn set_spheres(
+        &self,
+        name: &str,
+        centers: PyReadonlyArray2<'_, f64>,
+        radii: PyReadonlyArray1<'_, f64>,
+    ) -> Result<()> {
+        let centers = arrays::points(&centers, &format!("spheres {name:?}"))?;
+        self.with(|scene| scene.set_spheres(name, &centers, &arrays::values(&radii)))
+    }
+
+    fn set_look(
+        &self,
+        name: &str,
+        albedo: [f32; 3],
+        opacity: f32,
+        casts: bool,
+        receives: bool,
+    ) -> Result<()> {
+        let material = Material {
+            albedo,
+            opacity,
+            casts,
+            receives,
+        };
+        self.with(|scene| scene.set_material(name, material))
+    }
+
+    fn remove(&self, name: &str) -> Result<()> {
+        self.with(|scene| scene.remove(name))
+    }
+
     fn set_transform(&self, name: &str, matrix: PyReadonlyArray2<'_, f64>) -> Result<()> {
         let what = format!("mesh {name:?}: transform");
         let m = arrays::matrix(&matrix, &what)?;
