@@ -191,7 +191,7 @@ def test_setters_change_every_way_to_the_picture():
         (lambda s: s.set_look("board", opacity=0.25), {"board": {"opacity": 0.25}}),
         (lambda s: s.set_look("board", casts=False), {"board": {"casts": False}}),
         (lambda s: s.set_look("ground", receives=False), {"ground": {"receives": False}}),
-        (lambda s: s.set_look("hair", casts=False), {"hair": {"casts": False}}),
+        (lambda s: s.set_look("hair", albedo=0.1), {"hair": {"albedo": 0.1}}),
         (lambda s: s.set_look("balls", opacity=0.5), {"balls": {"opacity": 0.5}}),
         (lambda s: s.set_transform("board", MOVED), {"board": {"transform": MOVED}}),
         (

@@ -35,6 +35,7 @@ from softshadow.methods import (
     Wedges,
     method_names,
 )
+from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Curves, Mesh, Scene, Spheres
 
@@ -84,5 +85,8 @@ __all__ = [
     "prepare",
     "render",
     "scenes",
+    "set_threads",
+    "thread_count",
+    "threads",
     "visibility",
 ]

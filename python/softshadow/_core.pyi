@@ -28,7 +28,9 @@ __all__ = [
     "__version__",
     "kernels",
     "prepare",
+    "set_threads",
     "textures",
+    "thread_count",
 ]
 
 __version__: str
@@ -120,6 +122,8 @@ class Prepared:
     def render(self, camera: Camera, progress: _Progress) -> dict[str, Any]: ...
     def visibility(self, points: _F64, normals: _F64 | None, progress: _Progress) -> _F32: ...
 
+def set_threads(count: int) -> int: ...
+def thread_count() -> int: ...
 def prepare(scene: Scene, lights: list[Light], method: Method, progress: _Progress) -> Prepared: ...
 
 @final

@@ -1,4 +1,4 @@
-"""What callers pass in, as what is stored: one function a kind, which never changes a value silently.
+"""What callers pass in, as what is stored: one function a kind that changes no value silently.
 
 Every message says what the value is for, what is allowed and what it was. A value of the wrong kind
 (text, a flag or a complex number where a number is wanted, a fraction where a whole number is) is a

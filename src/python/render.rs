@@ -11,6 +11,7 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 
 use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
+use super::pool::{self, Origin};
 use super::{arrays, run};
 use crate::camera::Camera;
 use crate::control::Control;
@@ -33,6 +34,17 @@ struct Ready {
     lights: Vec<Light>,
     method: Box<dyn Prepared>,
     seconds: Vec<(&'static str, f64)>,
+    origin: Origin,
+}
+
+impl Ready {
+    /// Nothing of it may be half built by a thread that is not in this process.
+    fn check_origin(&self) -> Result<()> {
+        if self.origin.is_torn() {
+            return Err(pool::torn("Prepared"));
+        }
+        Ok(())
+    }
 }
 
 /// Prepares a method for a scene and its lights.
@@ -66,6 +78,7 @@ pub(super) fn prepare(
             lights,
             method: prepared,
             seconds,
+            origin: Origin::here(),
         })))
     })
 }
@@ -99,6 +112,7 @@ impl PyPrepared {
     ) -> PyResult<Bound<'py, PyDict>> {
         let world = camera.0;
         let ready = self.0.clone();
+        ready.check_origin()?;
         let frame = run(py, progress.as_ref(), move |control| {
             ready.frame(&world, control)
         })?;
@@ -162,6 +176,7 @@ impl PyPrepared {
         }
         let n = points.len();
         let ready = self.0.clone();
+        ready.check_origin()?;
         let flat = run(py, progress.as_ref(), move |control| {
             let receivers =
                 Receivers::from_points(&ready.geometry.frame, &points, normals.as_deref())?;
