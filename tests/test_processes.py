@@ -1,4 +1,4 @@
-"""Processes of every kind work after the parent has used the package, and threads can be limited."""
+"""Processes of every kind work after use in the parent, and threads can be limited."""
 
 from __future__ import annotations
 

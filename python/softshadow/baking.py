@@ -103,7 +103,14 @@ def _radiance(
     total = np.full((*irradiance[0].shape, 3), ambient, dtype=np.float64)
     for e, light in zip(irradiance, lights, strict=True):
         total += e[..., None] / np.pi * np.asarray(light.radiance, dtype=np.float64)
-    return (total * albedo).astype(np.float32)
+    with np.errstate(over="ignore"):  # found at once
+        radiance = (total * albedo).astype(np.float32)
+    if not np.all(np.isfinite(radiance)):
+        raise _core.ParameterError(
+            f"radiance: of {entry.name!r} it overflows single precision, "
+            f"{np.finfo(np.float32).max:.3e}; lower the lights' radiance, ambient or the albedo"
+        )
+    return radiance
 
 
 def _unshadowed(

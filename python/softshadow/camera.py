@@ -59,15 +59,16 @@ class Camera:
         if not 0.0 < fov < 180.0:
             raise ValueError(f"Camera.fov_y_deg: expected 0 < fov < 180, got {fov_y_deg}")
         width, height = _size(width, height)
-        forward = t - e
-        length = np.linalg.norm(forward)
-        if not length > 0:
+        with np.errstate(over="ignore"):  # found at once
+            view = t - e
+        if not np.all(np.isfinite(view)):
+            raise ValueError(f"Camera: eye {e.tolist()} and target {t.tolist()} are too far apart")
+        if not view.any():
             raise ValueError(f"Camera: eye and target are the same point {e.tolist()}")
-        forward = forward / length
-        up_length = np.linalg.norm(u)
-        if not up_length > 0:
+        if not u.any():
             raise ValueError("Camera.up: expected a direction, got a zero vector")
-        right = np.cross(forward, u / up_length)
+        forward = _unit(view)
+        right = np.cross(forward, _unit(u))
         # Below 1e-9 the cross product of two unit vectors is rounding: the image would spin freely.
         if np.linalg.norm(right) < 1e-9:
             raise ValueError(f"Camera.up: {u.tolist()} is parallel to the view direction")
@@ -185,6 +186,17 @@ class Camera:
     def __repr__(self) -> str:
         size = f"{self.width}x{self.height}"
         return f"Camera(eye={self.eye.tolist()}, {size}, fov_y={self.fov_y_deg:.4g}°)"
+
+
+def _unit(v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return a vector that is not zero at unit length, however long or short it is."""
+    with np.errstate(over="ignore", under="ignore"):
+        length = np.linalg.norm(v)
+    if not 1e-150 < length < 1e150:  # beyond, squares lose digits or overflow
+        v = v / np.abs(v).max()
+        length = np.linalg.norm(v)
+    result: npt.NDArray[np.float64] = v / length
+    return result
 
 
 def _size(width: int, height: int) -> tuple[int, int]:

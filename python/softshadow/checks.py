@@ -2,7 +2,7 @@
 
 Every message says what the value is for, what is allowed and what it was. A value of the wrong kind
 (text, a flag or a complex number where a number is wanted, a fraction where a whole number is) is a
-``TypeError``; one of the right kind that is not allowed is a ``ValueError``.
+``TypeError``; one of the right kind that is not allowed is a ``ParameterError`` (a ``ValueError``).
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from softshadow._core import ParameterError
+
 __all__ = [
     "LEAST_SINGLE",
     "MOST_SINGLE",
@@ -26,8 +28,10 @@ __all__ = [
     "number",
     "numbers",
     "points",
+    "refuse_masked",
     "shown",
     "single",
+    "size",
 ]
 
 MOST_SINGLE = float(np.finfo(np.float32).max)
@@ -72,8 +76,20 @@ def integer(value: Any, what: str, low: int, high: int, otherwise: str = "") -> 
     if result is None:
         raise TypeError(f"{what}: expected {allowed}, got {shown(value)}")
     if not low <= result <= high:
-        raise ValueError(f"{what}: expected {allowed}, got {shown(result)}")
+        raise ParameterError(f"{what}: expected {allowed}, got {shown(result)}")
     return result
+
+
+def size(value: Any, what: str, most: int) -> tuple[int, int]:
+    """Return a width and a height, given as one whole number or two."""
+    if isinstance(value, (int, np.integer)):
+        value = (value, value)
+    if not isinstance(value, (tuple, list, np.ndarray)) or len(value) != 2:
+        raise TypeError(
+            f"{what}: expected 1 to {most} texels a side, an integer or two, got {shown(value)}"
+        )
+    width, height = (integer(x, f"{what}: texels a side", 1, most) for x in value)
+    return width, height
 
 
 def number(value: Any, what: str, allowed: str = "a finite number", finite: bool = True) -> float:
@@ -96,9 +112,9 @@ def number(value: Any, what: str, allowed: str = "a finite number", finite: bool
     try:
         result = float(value)
     except OverflowError:
-        result = math.inf
+        raise ParameterError(f"{what}: expected {allowed}, got {shown(value)}") from None
     if finite and not math.isfinite(result):
-        raise ValueError(f"{what}: expected {allowed}, got {shown(value)}")
+        raise ParameterError(f"{what}: expected {allowed}, got {shown(value)}")
     return result
 
 
@@ -128,6 +144,8 @@ def indices(
 ) -> npt.NDArray[np.int64]:
     """Return a contiguous copy as int64, of any shape; fractions and flags are no integers."""
     array = _array(value, what, "integers")
+    if array.dtype.kind == "f" and isinstance(value, (list, tuple)):
+        array = np.asarray(value, dtype=object)  # large whole numbers may have become fractions
     # NumPy keeps whole numbers that are too large for it as Python's own.
     whole = array.dtype.kind in "iu" or (
         array.dtype.kind == "O" and all(type(x) is int for x in array.flat)
@@ -139,16 +157,21 @@ def indices(
         lost = np.argwhere((array > np.iinfo(np.int64).max) | (array < np.iinfo(np.int64).min))
         if len(lost):
             at = tuple(int(i) for i in lost[0])
-            raise ValueError(f"{what}: row {at[0]} holds {array[at]}, allowed are {allowed}")
+            raise ParameterError(f"{what}: row {at[0]} holds {array[at]}, allowed are {allowed}")
     return np.array(array, dtype=np.int64, order="C")
 
 
-def _array(value: npt.ArrayLike, what: str, allowed: str) -> npt.NDArray[Any]:
+def refuse_masked(value: object, what: str, allowed: str = "an array of numbers") -> None:
+    """Raise where hidden values of a masked array would be taken for numbers."""
     if _holds_masked(value):
         raise TypeError(
             f"{what}: expected {allowed}, got a masked array with hidden values; fill them or "
             "leave them out"
         )
+
+
+def _array(value: npt.ArrayLike, what: str, allowed: str) -> npt.NDArray[Any]:
+    refuse_masked(value, what, allowed)
     try:
         return np.asarray(value)
     except (TypeError, ValueError) as error:
@@ -159,7 +182,7 @@ def points(value: npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
     """Return rows of three numbers, which may be NaN or infinite."""
     result = numbers(value, what)
     if result.ndim != 2 or result.shape[1] != 3:
-        raise ValueError(f"{what}: expected shape (N, 3), got {result.shape}")
+        raise ParameterError(f"{what}: expected shape (N, 3), got {result.shape}")
     return result
 
 
@@ -171,12 +194,12 @@ def single(value: npt.ArrayLike, what: str, allowed: str) -> npt.NDArray[np.floa
     """
     array = numbers(value, what, allowed)
     if not np.all(np.isfinite(array)) or np.any(array < 0):
-        raise ValueError(f"{what}: expected finite values >= 0, got {array.tolist()}")
+        raise ParameterError(f"{what}: expected finite values >= 0, got {array.tolist()}")
     with np.errstate(over="ignore"):  # what rounds to infinity is found as such
         rounded = array.astype(np.float32)
     lost = ~np.isfinite(rounded) | ((array > 0) & (array < LEAST_SINGLE))
     if np.any(lost):
-        raise ValueError(
+        raise ParameterError(
             f"{what}: expected values that single precision holds, 0 or {LEAST_SINGLE:.3g} to "
             f"{MOST_SINGLE:.3g}, got {array.tolist()}"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import json
 from dataclasses import asdict, dataclass, fields
 from types import NoneType
 from typing import Any, ClassVar, Literal, TypeAlias, get_args, get_origin, get_type_hints
@@ -90,12 +90,11 @@ def _checked(
         low, high = _RANGES[name]
         return checks.integer(value, what, low, high, otherwise)
     if float in kinds:
-        if name == "memory_limit" and isinstance(value, float) and value == math.inf:
-            return value
-        return checks.number(value, what, f"a finite number{otherwise}")
-    allowed = f"one of {', '.join(repr(choice) for choice in choices)}{otherwise}"
+        return checks.number(value, what, f"a number{otherwise}", finite=False)
+    names = ", ".join(f'"{choice}"' for choice in choices)
+    allowed = f"one of {names}{otherwise}"
     if not isinstance(value, str):
         raise TypeError(f"{what}: expected {allowed}, got {checks.shown(value)}")
     if value not in choices:
-        raise ValueError(f"{what}: expected {allowed}, got {value!r}")
+        raise _core.ParameterError(f"{what}: expected {allowed}, got {json.dumps(value)}")
     return str(value)

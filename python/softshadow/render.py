@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from softshadow import _core
+from softshadow import _core, checks
 from softshadow.camera import Camera
 from softshadow.light import DiskLight, Light, RectLight, SphereLight, as_points
 from softshadow.methods import Method, MethodLike, resolve
@@ -204,7 +204,7 @@ class Prepared:
         p = as_points(points, "points")
         n: npt.NDArray[np.float64] | None = None
         if normals is not None:
-            n = np.ascontiguousarray(np.asarray(normals, dtype=np.float64))
+            n = checks.numbers(normals, "normals")
             if n.shape != p.shape:
                 raise ValueError(f"normals: expected shape {p.shape} as the points, got {n.shape}")
         with _Bar(progress, f"{self.method.name}: visibility") as report:

@@ -15,6 +15,7 @@ pub(super) mod kernels {
     use crate::bvh::packet::Packet;
     use crate::error::{Error, Result};
     use crate::geometry::Frame;
+    use crate::light::unit;
     use crate::mesh::TriMesh;
     use crate::mesh::silhouettes::{SilhouetteEdge, loops, silhouette_edges as find_silhouettes};
     use crate::mesh::tubes::Curves;
@@ -289,7 +290,9 @@ pub(super) mod kernels {
         })?;
         let out: Vec<f64> = step(py, || {
             let pairs = points.par_iter().zip(&normals);
-            Ok(pairs.map(|(&p, n)| f(p, n.normalize_or_zero())).collect())
+            Ok(pairs
+                .map(|(&p, n)| f(p, unit(*n).unwrap_or_default()))
+                .collect())
         })?;
         Ok(PyArray1::from_vec(py, out))
     }

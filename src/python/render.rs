@@ -96,6 +96,33 @@ struct Frame {
     seconds: Vec<(&'static str, f64)>,
 }
 
+/// Why a visibility may not be a number.
+const TOO_FAR: &str = "it is too far away or too large for single precision";
+
+impl Frame {
+    /// Nothing that is not a number leaves: sums and products of what users give may overflow.
+    fn check_finite(&self, width: usize) -> Result<()> {
+        let wrong = |values: &[f32]| values.par_iter().position_first(|v| !v.is_finite());
+        if let Some(i) = wrong(&self.visibility) {
+            let pixels = self.mask.len();
+            let (light, pixel) = (i / pixels, i % pixels);
+            let at = (pixel % width, pixel / width);
+            let reason = format!("at pixel {at:?} light {light} has none; {TOO_FAR}");
+            return Err(Error::parameter("visibility", reason));
+        }
+        if let Some(i) = wrong(&self.radiance) {
+            let at = (i / 3 % width, i / 3 / width);
+            let reason = format!(
+                "at pixel {at:?} albedo times light overflows single precision, {:.3e}; lower the \
+                 lights' radiance or the albedo",
+                f32::MAX
+            );
+            return Err(Error::parameter("radiance", reason));
+        }
+        Ok(())
+    }
+}
+
 #[pymethods]
 impl PyPrepared {
     #[getter]
@@ -185,6 +212,10 @@ impl PyPrepared {
             for (light, out) in out.chunks_mut(n.max(1)).enumerate() {
                 let shading = ready.method.shade(&receivers, light, control)?;
                 scatter(&receivers, &shading.visibility, out);
+                if let Some(i) = out.iter().position(|v| !v.is_finite()) {
+                    let reason = format!("at point {i} light {light} has none; {TOO_FAR}");
+                    return Err(Error::parameter("visibility", reason));
+                }
             }
             Ok(out)
         })?;
@@ -237,6 +268,7 @@ impl Ready {
             shadings.push(shading);
         }
         let mut frame = self.pixel_arrays(&camera, &surface, &receivers, &shadings);
+        frame.check_finite(camera.width as usize)?;
         frame.seconds = vec![
             ("frame", start.elapsed().as_secs_f64()),
             ("receivers", receivers_seconds),
