@@ -15,6 +15,7 @@ import trimesh
 
 from softshadow import _core, checks
 from softshadow.light import RGB, as_rgb
+from softshadow.reading import MAX_BYTES, MAX_CORNERS, read
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
@@ -102,16 +103,6 @@ class Spheres:
     receives: bool
 
 
-def _read(path: str | PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
-    file = Path(path)
-    if not file.is_file():
-        raise ValueError(f"{file}: no such file")
-    try:
-        return trimesh.load(file)
-    except Exception as error:  # trimesh raises whatever its readers raise
-        raise ValueError(f"{file}: cannot be read as a mesh ({error})") from error
-
-
 class Scene:
     """Meshes, curves and spheres that cast and receive shadows.
 
@@ -197,6 +188,9 @@ class Scene:
         casts: bool = True,
         receives: bool = True,
         transform: npt.ArrayLike | None = None,
+        *,
+        max_bytes: int = MAX_BYTES,
+        max_corners: int = MAX_CORNERS,
     ) -> str:
         """Add a mesh. Its arrays are copied: what is done to them later does not matter.
 
@@ -220,6 +214,11 @@ class Scene:
             False: shaded as unshadowed.
         transform : array_like, shape (4, 4), optional
             As of `set_transform`.
+        max_bytes : int
+            Of a path: a file that is larger, or an archive that holds more, is an error before it
+            is read. By default 512 MiB.
+        max_corners : int
+            Of an OBJ file: most corners of a face.
 
         Returns
         -------
@@ -230,12 +229,17 @@ class Scene:
         ------
         ValueError
             If the mesh is empty, has no extent, has coordinates that are not finite or face indices
-            out of range, is a point cloud, or an option is out of range.
+            out of range, is a point cloud, or an option is out of range. Of files as of arrays:
+            nothing is dropped or repaired on the way.
         TypeError
             If `mesh` is of another type.
         """
-        vertices, faces = _arrays(mesh)
         is_path = isinstance(mesh, (str, PathLike))
+        limits = (
+            checks.integer(max_bytes, "max_bytes", 1, 2**63 - 1),
+            checks.integer(max_corners, "max_corners", 3, 2**63 - 1),
+        )
+        vertices, faces = _arrays(mesh, *limits)
         base = self._new_name(name, Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
         look = _look(f"mesh {base!r}", albedo, opacity, casts, receives)
         self._core.add_mesh(base, vertices, faces, *look)
@@ -599,11 +603,13 @@ def curve_arrays(
     return p, o, r
 
 
-def _arrays(mesh: MeshLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+def _arrays(
+    mesh: MeshLike, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Return contiguous, private copies of a mesh's vertices and faces."""
     if isinstance(mesh, (str, PathLike)):
         try:
-            return _arrays(_read(mesh))
+            return _arrays(read(Path(mesh), max_bytes, max_corners))
         except ValueError as error:
             if str(error).startswith(str(mesh)):
                 raise
