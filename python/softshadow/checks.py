@@ -144,14 +144,15 @@ def indices(
 ) -> npt.NDArray[np.int64]:
     """Return a contiguous copy as int64, of any shape; fractions and flags are no integers."""
     array = _array(value, what, "integers")
-    if array.dtype.kind == "f" and isinstance(value, (list, tuple)):
+    dtype = array.dtype
+    if dtype.kind == "f" and isinstance(value, (list, tuple)):
         array = np.asarray(value, dtype=object)  # large whole numbers may have become fractions
     # NumPy keeps whole numbers that are too large for it as Python's own.
     whole = array.dtype.kind in "iu" or (
         array.dtype.kind == "O" and all(type(x) is int for x in array.flat)
     )
     if not whole and array.size:
-        got = shown(value) if array.dtype.kind in "USO" else f"dtype {array.dtype}"
+        got = shown(value) if dtype.kind in "USO" else f"dtype {dtype}"
         raise TypeError(f"{what}: expected integers, got {got}")
     if array.dtype.kind in "uO" and array.size:
         lost = np.argwhere((array > np.iinfo(np.int64).max) | (array < np.iinfo(np.int64).min))
