@@ -59,10 +59,17 @@ impl Camera {
             .to_cols_array()
             .into_iter()
             .fold(0.0f64, |m, x| m.max(x.abs()));
-        if off > 1e-5 || camera_to_world.determinant() < 0.0 {
+        if off > 1e-5 {
             return bad(format!(
-                "the pose must be a rotation; it is off by {off:.1e}"
+                "the pose must be a rotation, to 1e-5; it is off by {off:.1e}"
             ));
+        }
+        if camera_to_world.determinant() < 0.0 {
+            return bad(
+                "the pose must be a rotation; it is mirrored: right x down must be forward, got \
+                 backward"
+                    .into(),
+            );
         }
         let rotation = camera_to_world.transpose();
         let (width, height) = (width as u32, height as u32);

@@ -62,6 +62,14 @@ impl Light {
     /// A value that is not finite, or edges that span no area.
     pub fn rect(center: DVec3, u: DVec3, v: DVec3, radiance: [f32; 3]) -> Result<Self> {
         finite("RectLight", &[center, u, v])?;
+        for (name, edge) in [("edge_u", u), ("edge_v", v)] {
+            let size = edge.abs().max_element();
+            if size != 0.0 && !LENGTHS.contains(&size) {
+                let allowed = format!("{:e} to {:e}", LENGTHS.start(), LENGTHS.end());
+                let reason = format!("{name} must be {allowed} long, got {size:e}");
+                return Err(Error::parameter("RectLight", reason));
+            }
+        }
         // Below 1e-12 of a rectangle's area the normal is the rounding of the edges.
         if u.cross(v).length() <= 1e-12 * u.length() * v.length() || u == DVec3::ZERO {
             let reason = format!("edge_u {u} and edge_v {v} span no area; a light needs area here");
@@ -79,10 +87,10 @@ impl Light {
     /// A value that is not finite, a zero normal or a negative radius.
     pub fn disk(center: DVec3, normal: DVec3, radius: f64, radiance: [f32; 3]) -> Result<Self> {
         finite("DiskLight", &[center, normal, DVec3::splat(radius)])?;
-        let Some(normal) = normal.try_normalize() else {
+        let Some(normal) = unit(normal) else {
             return Err(Error::parameter("DiskLight", "normal must not be zero"));
         };
-        non_negative("DiskLight", radius)?;
+        check_radius("DiskLight", radius)?;
         Ok(Light {
             shape: Shape::Disk {
                 center,
@@ -99,7 +107,7 @@ impl Light {
     /// A value that is not finite or a negative radius.
     pub fn sphere(center: DVec3, radius: f64, radiance: [f32; 3]) -> Result<Self> {
         finite("SphereLight", &[center, DVec3::splat(radius)])?;
-        non_negative("SphereLight", radius)?;
+        check_radius("SphereLight", radius)?;
         Ok(Light {
             shape: Shape::Sphere { center, radius },
             radiance,
@@ -286,14 +294,24 @@ fn finite(what: &str, values: &[DVec3]) -> Result<()> {
     }
 }
 
-fn non_negative(what: &str, radius: f64) -> Result<()> {
-    if radius >= 0.0 {
+/// Lengths of which areas and their squares are neither 0 nor infinite in `f64`.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-75..=1e75;
+
+fn check_radius(what: &str, radius: f64) -> Result<()> {
+    if radius == 0.0 || LENGTHS.contains(&radius) {
         return Ok(());
     }
-    Err(Error::parameter(
-        what,
-        format!("radius must be 0 or more, got {radius}"),
-    ))
+    let (least, most) = (LENGTHS.start(), LENGTHS.end());
+    let reason =
+        format!("radius must be 0 or more, and if more {least:e} to {most:e}, got {radius}");
+    Err(Error::parameter(what, reason))
+}
+
+/// A vector at unit length, however long or short it is; `None` of zero.
+pub(crate) fn unit(v: DVec3) -> Option<DVec3> {
+    // Squares of what is very long or short are infinite or 0.
+    let scaled = || (v / v.abs().max_element()).try_normalize();
+    v.try_normalize().or_else(scaled)
 }
 
 /// A convex polygon of at most five corners: a rectangle cut by a plane.

@@ -103,21 +103,53 @@ impl Scene {
     ) -> Result<()> {
         let what = format!("spheres {name:?}");
         self.check_new(name, &what, material)?;
-        if centers.is_empty() || centers.len() != radii.len() {
-            let reason = format!(
-                "expected one radius a center, got {} and {}",
-                radii.len(),
-                centers.len()
-            );
-            return Err(Error::scene(what, reason));
+        let spheres = checked_spheres(&what, centers, radii)?;
+        self.push(name, Shape::Spheres(spheres), material);
+        Ok(())
+    }
+
+    /// Puts other spheres in the place of an entry's.
+    ///
+    /// # Errors
+    /// An unknown name, or what [`Scene::add_spheres`] finds.
+    pub fn set_spheres(&mut self, name: &str, centers: &[DVec3], radii: &[f64]) -> Result<()> {
+        let entry = self.entry_mut(name)?;
+        let Shape::Spheres(spheres) = &mut entry.shape else {
+            let what = format!("mesh {name:?}");
+            return Err(Error::scene(what, "expected the name of spheres"));
+        };
+        *spheres = checked_spheres(&format!("spheres {name:?}"), centers, radii)?;
+        self.changed();
+        Ok(())
+    }
+
+    /// Changes how an entry looks and what it takes part in.
+    ///
+    /// # Errors
+    /// An unknown name, or an opacity outside 0 to 1.
+    pub fn set_material(&mut self, name: &str, material: Material) -> Result<()> {
+        let entry = self.entry_mut(name)?;
+        check_opacity(&format!("entry {name:?}"), material)?;
+        let shadows = |m: &Material| (m.opacity.to_bits(), m.casts);
+        let same = shadows(&entry.material) == shadows(&material);
+        entry.material = material;
+        // What only shades leaves the hierarchies as they are.
+        if same {
+            self.moved()
+        } else {
+            self.changed()
         }
-        check_finite(&what, "center", centers)?;
-        if let Some(i) = radii.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
-            let reason = format!("radius {i} must be positive and finite, got {}", radii[i]);
-            return Err(Error::scene(what, reason));
-        }
-        let spheres = centers.iter().copied().zip(radii.iter().copied()).collect();
-        self.push(name, Shape::Spheres(Arc::new(spheres)), material);
+        Ok(())
+    }
+
+    /// Takes an entry out.
+    ///
+    /// # Errors
+    /// An unknown name.
+    pub fn remove(&mut self, name: &str) -> Result<()> {
+        self.entry_mut(name)?;
+        self.entries.retain(|e| e.name != name);
+        self.changed();
         Ok(())
     }
 
@@ -187,8 +219,18 @@ impl Scene {
             shape,
             material,
         });
+        self.changed();
+    }
+
+    /// Something else than positions: nothing of the snapshot can be used again.
+    fn changed(&mut self) {
         self.current = None;
         self.previous = None;
+    }
+
+    fn entry_mut(&mut self, name: &str) -> Result<&mut Entry> {
+        let found = self.entries.iter_mut().find(|e| e.name == name);
+        found.ok_or_else(|| Error::scene("scene", format!("nothing named {name:?}")))
     }
 
     fn check_new(&self, name: &str, what: &str, material: Material) -> Result<()> {
@@ -198,11 +240,7 @@ impl Scene {
                 "the scene has another entry of that name",
             ));
         }
-        if !(0.0..=1.0).contains(&material.opacity) {
-            let reason = format!("opacity must be between 0 and 1, got {}", material.opacity);
-            return Err(Error::scene(what, reason));
-        }
-        Ok(())
+        check_opacity(what, material)
     }
 
     fn mesh_mut(&mut self, name: &str) -> Result<(&mut Arc<TriMesh>, &mut DAffine3)> {
@@ -216,4 +254,30 @@ impl Scene {
             None => Err(Error::scene("scene", format!("no mesh named {name:?}"))),
         }
     }
+}
+
+fn check_opacity(what: &str, material: Material) -> Result<()> {
+    if (0.0..=1.0).contains(&material.opacity) {
+        return Ok(());
+    }
+    let reason = format!("opacity must be between 0 and 1, got {}", material.opacity);
+    Err(Error::scene(what, reason))
+}
+
+fn checked_spheres(what: &str, centers: &[DVec3], radii: &[f64]) -> Result<Arc<Vec<(DVec3, f64)>>> {
+    if centers.is_empty() || centers.len() != radii.len() {
+        let reason = format!(
+            "expected one sphere or more, and one radius a center, got {} and {}",
+            radii.len(),
+            centers.len()
+        );
+        return Err(Error::scene(what, reason));
+    }
+    check_finite(what, "center", centers)?;
+    if let Some(i) = radii.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
+        let reason = format!("radius {i} must be positive and finite, got {}", radii[i]);
+        return Err(Error::scene(what, reason));
+    }
+    let spheres = centers.iter().copied().zip(radii.iter().copied());
+    Ok(Arc::new(spheres.collect()))
 }

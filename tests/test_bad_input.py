@@ -281,14 +281,17 @@ def scene():
     [
         ("wedge", ["method", "'wedge'", "hard", "ray_traced"]),
         ("", ["method", "''"]),
-        (ss.RayTraced(samples=0), ["RayTraced", "samples", "1 to 65536", "0"]),
-        (ss.RayTraced(samples=65537), ["RayTraced", "samples", "65537"]),
-        (ss.RayTraced(pattern="random"), ["RayTraced", "pattern", "per_receiver", "random"]),
+        (lambda: ss.RayTraced(samples=0), ["RayTraced", "samples", "1 to 65536", "0"]),
+        (lambda: ss.RayTraced(samples=65537), ["RayTraced", "samples", "65537"]),
+        (
+            lambda: ss.RayTraced(pattern="random"),
+            ["RayTraced", "pattern", "per_receiver", "random"],
+        ),
     ],
 )
 def test_bad_methods_are_errors(scene, method, words):
     with _raises(words):
-        ss.render(scene, CAMERA, LIGHT, method)
+        ss.render(scene, CAMERA, LIGHT, method() if callable(method) else method)
 
 
 @pytest.mark.parametrize("seed", [-1, 2**64])

@@ -244,3 +244,37 @@ def test_the_ground_is_four_times_the_model_and_below_it():
     assert np.ptp(ground.vertices, axis=0) == pytest.approx([12, 12, 0])
     assert ground.vertices.mean(axis=0)[:2] == pytest.approx([5, 5])
     assert 3.5 - 0.001 < ground.vertices[0, 2] < 3.5
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--seed", "-1"),
+        ("--seed", str(2**64)),
+        ("--samples", "99999999999999999999"),
+        ("--samples", "0"),
+        ("--samples", "1.5"),
+        ("--width", "0"),
+        ("--height", "65537"),
+        ("--size", "99999999999999999999x1"),
+        ("--fov", "nan"),
+        ("--fov", "1e400"),
+        ("--exposure", "nan"),
+        ("--exposure", "0"),
+        ("--eye", "0,0,inf"),
+        ("--target", "0,nan,0"),
+        ("--light", "sphere:0,0,1e400,1"),
+        ("--light", "disk:0,0,1,0,0,0,1"),
+    ],
+)
+def test_numbers_out_of_range_are_one_line_and_exit_code_two(tmp_path, capsys, options):
+    model = tmp_path / "box.ply"
+    trimesh.creation.box().export(model)
+    name, value = options
+    code = cli.main(["render", str(model), "-o", str(tmp_path / "x.png"), name, value])
+    error = capsys.readouterr().err
+    assert code == 2
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert "Traceback" not in error
+    assert not (tmp_path / "x.png").exists()

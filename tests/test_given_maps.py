@@ -308,7 +308,10 @@ def test_cameras_points_and_parameters_are_checked():
         (lambda: trace([good], LIGHT, points * NAN), "points: point 0 is not finite"),
         (lambda: trace([good], LIGHT, points, normals[:3]), "normals: expected 81"),
         (lambda: trace([good], LIGHT, points, 0 * normals), "normal 0 is zero"),
-        (lambda: trace([good], LIGHT, points, normals, ss.Mtsm(samples=0)), "samples must be 1"),
+        (
+            lambda: trace([good], LIGHT, points, normals, ss.Mtsm(samples=0)),
+            r"samples: expected an integer from 1",
+        ),
     ):
         with pytest.raises(ValueError, match=words):
             call()

@@ -3,8 +3,8 @@
 >>> import softshadow as ss
 >>> scene = ss.Scene()
 >>> bunny = scene.add("bunny.ply")
->>> camera = ss.Camera(eye=(0, -3, 2), target=(0, 0, 0.5))
->>> light = ss.RectLight(center=(1, -1, 4), edge_u=(0, 0.8, 0), edge_v=(0.8, 0, 0))
+>>> camera = ss.Camera(eye=(0, -130, 80), target=(0, 0, 18))
+>>> light = ss.RectLight(center=(50, -10, 120), edge_u=(0, 25, 0), edge_v=(25, 0, 0))
 >>> image = ss.render(scene, camera, light, method="ray_traced")
 
 Conventions: right-handed world space, world units for all sizes, arrays indexed ``[y, x]`` with
@@ -41,6 +41,7 @@ from softshadow.methods import (
     Wedges,
     method_names,
 )
+from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Curves, Mesh, Scene, Spheres
 
@@ -91,5 +92,8 @@ __all__ = [
     "prepare",
     "render",
     "scenes",
+    "set_threads",
+    "thread_count",
+    "threads",
     "visibility",
 ]

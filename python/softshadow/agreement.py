@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from softshadow import checks
 from softshadow.camera import Camera
 from softshadow.light import Light
 from softshadow.methods import RayTraced
@@ -58,8 +59,9 @@ class RayOffset:
         radiance, unshadowed : array_like, shape (H, W, 3)
             With and without occluders (see `unshadowed`).
         """
-        change = self.change[..., None] * np.asarray(unshadowed, dtype=np.float64)
-        return np.maximum(np.asarray(radiance, dtype=np.float64) + change, 0)
+        change = self.change[..., None] * checks.numbers(unshadowed, "unshadowed")
+        lifted: npt.NDArray[np.float64] = checks.numbers(radiance, "radiance") + change
+        return np.maximum(lifted, 0)
 
 
 @dataclass(frozen=True)
@@ -204,7 +206,7 @@ def z_test(
     """
     from scipy.stats import t as student
 
-    own = np.asarray(image, dtype=np.float64)
+    own = checks.numbers(image, "image")
     if own.shape != reference.radiance.shape:
         raise ValueError(f"image: expected shape {reference.radiance.shape}, got {own.shape}")
     tested = reference.mask if mask is None else np.asarray(mask, dtype=bool)
@@ -214,13 +216,13 @@ def z_test(
     deviation = own - reference.radiance
     variance = reference.variance.copy()
     if unshadowed is not None:
-        full = np.asarray(unshadowed, dtype=np.float64)
+        full = checks.numbers(unshadowed, "unshadowed")
         share = np.clip(np.divide(own, full, out=np.zeros_like(own), where=full > 0), 0, 1)
         partly = (share > 0) & (share < 1)
         variance = np.maximum(variance, share * (1 - share) * full**2 / reference.samples)
         variance += np.where(partly, full * np.abs(deviation) / (3 * reference.samples), 0)
     if own_variance is not None:
-        variance += np.asarray(own_variance, dtype=np.float64)
+        variance += checks.numbers(own_variance, "own_variance")
     # Mitsuba's radiance is in single precision; a dozen operations leave a few ulps of it.
     error = np.sqrt(variance) + 2.0**-21 * np.abs(own)
     z = np.divide(deviation, error, out=np.zeros_like(own), where=error > 0)

@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from softshadow import images
+from softshadow import checks, images
 from softshadow.baking import (
     POINT_BYTES,
     Accumulated,
@@ -53,10 +53,23 @@ class Bake(Sequence[BakedTexture]):
 
     def __init__(self, job: Job, method: Method) -> None:
         self._job = job
-        self.method = method
-        self.seconds = job.seconds
-        self.bytes = job.bytes
+        self._method = method
         self._known: dict[int, BakedTexture] = {}
+
+    @property
+    def method(self) -> Method:
+        """The method, with the parameters that it began with."""
+        return self._method
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall-clock seconds, by stage."""
+        return dict(self._job.seconds)
+
+    @property
+    def bytes(self) -> int:
+        """Of all textures' sums (accumulation) or of the points (other methods)."""
+        return self._job.bytes
 
     @property
     def samples(self) -> int | None:
@@ -150,7 +163,7 @@ def _names(scene: Scene, receivers: str | Sequence[str] | None) -> list[str]:
 
 
 def _corner_uv(entry: Mesh, uv: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    array = np.asarray(uv, dtype=np.float64)
+    array = checks.numbers(uv, f"uv of {entry.name!r}")
     if array.shape == (len(entry.vertices), 2):
         array = array[entry.faces]
     if array.shape != (len(entry.faces), 3, 2):
@@ -279,11 +292,8 @@ def bake(
         return Bake(Accumulated(scene, given, names, layout, side, progress), layout)
     if not chosen.points:
         raise ValueError(f"method {chosen.name!r} needs a camera and cannot bake")
-    width, height = (size, size) if isinstance(size, int) else size
-    if not (1 <= width <= 65536 and 1 <= height <= 65536):
-        raise ValueError(f"size: expected 1 to 65536 texels a side, got {width} x {height}")
-    if padding < 0:
-        raise ValueError(f"padding: expected 0 or more, got {padding}")
+    width, height = checks.size(size, "size", 65536)
+    padding = checks.integer(padding, "padding", 0, 65536)
     unwrapped = {name: _corner_uv(scene._mesh(name), own[name]) for name in own}
     planar = [name for name in names if name not in own]
     core, polygons = (

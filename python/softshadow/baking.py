@@ -103,7 +103,14 @@ def _radiance(
     total = np.full((*irradiance[0].shape, 3), ambient, dtype=np.float64)
     for e, light in zip(irradiance, lights, strict=True):
         total += e[..., None] / np.pi * np.asarray(light.radiance, dtype=np.float64)
-    return (total * albedo).astype(np.float32)
+    with np.errstate(over="ignore"):  # found at once
+        radiance = (total * albedo).astype(np.float32)
+    if not np.all(np.isfinite(radiance)):
+        raise _core.ParameterError(
+            f"radiance: of {entry.name!r} it overflows single precision, "
+            f"{np.finfo(np.float32).max:.3e}; lower the lights' radiance, ambient or the albedo"
+        )
+    return radiance
 
 
 def _unshadowed(
@@ -134,7 +141,8 @@ class Accumulated(Job):
     ) -> None:
         super().__init__()
         self.lights, self.single = _lights(light)
-        self.scene, self.method = scene, method
+        # As they are now: the scene may change before a texture is asked for.
+        self.entries, self.method = {name: scene._mesh(name) for name in receivers}, method
         self.core, self.polygons = receiver_polygons(
             scene, self.lights, receivers, method, side, progress
         )
@@ -157,11 +165,10 @@ class Accumulated(Job):
     def refine(self, samples: int | None, progress: Progress) -> None:
         """Draw up to `samples` light points, twice as many as before by default."""
         assert self.samples is not None
-        wanted = 2 * self.samples if samples is None else int(samples)
+        wanted = 2 * self.samples if samples is None else samples
+        wanted = replace(self.method, samples=wanted).samples  # checks it
         if wanted < self.samples:
             raise ValueError(f"samples: {self.samples} are drawn already, got {wanted}")
-        # Checks the number.
-        replace(self.method, samples=wanted)._to_core()
         self._draw(wanted, progress)
 
     def texture(self, i: int) -> BakedTexture:
@@ -184,7 +191,7 @@ class Accumulated(Job):
                 _unshadowed(light, positions, normals, v)
                 for light, v in zip(self.lights, seen, strict=True)
             ]
-        entry = self.scene._mesh(polygon.receiver)
+        entry = self.entries[polygon.receiver]
         ambient = method.ambient if method.texture == "radiance" else 0.0
         return BakedTexture(
             receiver=polygon.receiver,
@@ -228,7 +235,9 @@ class AtPoints(Job):
     ) -> None:
         super().__init__()
         self.lights, self.single = _lights(light)
-        self.scene, self.charts = scene, charts
+        # As they are now: the scene may change before a texture is asked for.
+        self.entries = {c.receiver: scene._mesh(c.receiver) for c in charts}
+        self.charts = charts
         prepared = Prepared(scene, self.lights, method, progress)
         self.seconds["prepare"] = prepared.seconds["prepare"]
         points = [c.positions[c.known] for c in charts]
@@ -257,7 +266,7 @@ class AtPoints(Job):
             irradiance[k][chart.known] = _unshadowed(
                 light, chart.positions[chart.known], chart.normals[chart.known], self.seen[i][k]
             )
-        radiance = _radiance(list(irradiance), self.lights, self.scene._mesh(chart.receiver), 0.0)
+        radiance = _radiance(list(irradiance), self.lights, self.entries[chart.receiver], 0.0)
         if chart.source is not None:
             seen = seen.reshape(len(seen), -1)[:, chart.source.ravel()].reshape(seen.shape)
             radiance = radiance.reshape(-1, 3)[chart.source.ravel()].reshape(radiance.shape)

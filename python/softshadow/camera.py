@@ -7,16 +7,21 @@ x points right, y down and z forward, as in the pinhole matrix ``K``.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import _core
+from softshadow.checks import frozen, integer, number, numbers
 from softshadow.light import Vector, as_vector
+
+MOST_PIXELS = 65536
+"""Along a side of an image."""
 
 
 class Camera:
-    """A pinhole camera that looks from `eye` to `target`.
+    """A pinhole camera that looks from `eye` to `target`; it cannot be changed.
 
     Parameters
     ----------
@@ -27,14 +32,16 @@ class Camera:
     fov_y_deg : float
         Full vertical field of view in degrees, between 0 and 180 (both excluded).
     width, height : int
-        Image size in pixels.
+        Image size in pixels, 1 to 65536.
 
     Raises
     ------
-    ValueError
-        If a number is not finite, the view direction or `up` is degenerate, or a size is not
-        positive.
+    ValueError, TypeError
+        If a number is not finite or no number, the view direction or `up` is degenerate, or a size
+        is out of its range.
     """
+
+    __slots__ = ("_camera_to_world", "_core", "_height", "_intrinsics", "_width")
 
     def __init__(
         self,
@@ -48,17 +55,20 @@ class Camera:
         e = np.array(as_vector(eye, "Camera.eye"))
         t = np.array(as_vector(target, "Camera.target"))
         u = np.array(as_vector(up, "Camera.up"))
-        if not 0.0 < float(fov_y_deg) < 180.0:
+        fov = number(fov_y_deg, "Camera.fov_y_deg", "0 < fov < 180")
+        if not 0.0 < fov < 180.0:
             raise ValueError(f"Camera.fov_y_deg: expected 0 < fov < 180, got {fov_y_deg}")
-        forward = t - e
-        length = np.linalg.norm(forward)
-        if not length > 0:
+        width, height = _size(width, height)
+        with np.errstate(over="ignore"):  # found at once
+            view = t - e
+        if not np.all(np.isfinite(view)):
+            raise ValueError(f"Camera: eye {e.tolist()} and target {t.tolist()} are too far apart")
+        if not view.any():
             raise ValueError(f"Camera: eye and target are the same point {e.tolist()}")
-        forward = forward / length
-        up_length = np.linalg.norm(u)
-        if not up_length > 0:
+        if not u.any():
             raise ValueError("Camera.up: expected a direction, got a zero vector")
-        right = np.cross(forward, u / up_length)
+        forward = _unit(view)
+        right = np.cross(forward, _unit(u))
         # Below 1e-9 the cross product of two unit vectors is rounding: the image would spin freely.
         if np.linalg.norm(right) < 1e-9:
             raise ValueError(f"Camera.up: {u.tolist()} is parallel to the view direction")
@@ -68,7 +78,7 @@ class Camera:
         matrix[:3, 1] = np.cross(forward, right)
         matrix[:3, 2] = forward
         matrix[:3, 3] = e
-        focal = 0.5 * height / math.tan(0.5 * math.radians(float(fov_y_deg)))
+        focal = 0.5 * height / math.tan(0.5 * math.radians(fov))
         intrinsics = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
         self._set(intrinsics, matrix, width, height)
 
@@ -99,12 +109,10 @@ class Camera:
             length is not positive.
         """
         camera = cls.__new__(cls)
-        camera._set(
-            np.asarray(K, dtype=np.float64),
-            np.asarray(camera_to_world, dtype=np.float64),
-            width,
-            height,
-        )
+        size = _size(width, height)
+        intrinsics = numbers(K, "Camera.K")
+        pose = numbers(camera_to_world, "Camera.camera_to_world")
+        camera._set(intrinsics, pose, *size)
         return camera
 
     def _set(
@@ -120,13 +128,38 @@ class Camera:
         ):
             if array.shape != shape:
                 raise ValueError(f"Camera.{name}: expected shape {shape}, got {array.shape}")
-        self.K = K
-        self.camera_to_world = camera_to_world
-        self.width = int(width)
-        self.height = int(height)
-        self._core = _core.Camera(
-            np.ascontiguousarray(K), np.ascontiguousarray(camera_to_world), self.width, self.height
-        )
+        self._core = _core.Camera(K, np.ascontiguousarray(camera_to_world), width, height)
+        self._intrinsics, self._camera_to_world = frozen(K), frozen(camera_to_world)
+        self._width, self._height = width, height
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Camera.from_matrix, (self.K, self.camera_to_world, self.width, self.height)
+
+    def __copy__(self) -> Camera:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Camera:
+        return self
+
+    @property
+    def K(self) -> npt.NDArray[np.float64]:
+        """The pinhole matrix in pixels, shape (3, 3); it cannot be changed."""
+        return self._intrinsics
+
+    @property
+    def camera_to_world(self) -> npt.NDArray[np.float64]:
+        """The pose, shape (4, 4): right, down, forward and the eye; it cannot be changed."""
+        return self._camera_to_world
+
+    @property
+    def width(self) -> int:
+        """Image width in pixels."""
+        return self._width
+
+    @property
+    def height(self) -> int:
+        """Image height in pixels."""
+        return self._height
 
     @property
     def eye(self) -> npt.NDArray[np.float64]:
@@ -153,3 +186,21 @@ class Camera:
     def __repr__(self) -> str:
         size = f"{self.width}x{self.height}"
         return f"Camera(eye={self.eye.tolist()}, {size}, fov_y={self.fov_y_deg:.4g}°)"
+
+
+def _unit(v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return a vector that is not zero at unit length, however long or short it is."""
+    with np.errstate(over="ignore", under="ignore"):
+        length = np.linalg.norm(v)
+    if not 1e-150 < length < 1e150:  # beyond, squares lose digits or overflow
+        v = v / np.abs(v).max()
+        length = np.linalg.norm(v)
+    result: npt.NDArray[np.float64] = v / length
+    return result
+
+
+def _size(width: int, height: int) -> tuple[int, int]:
+    return (
+        integer(width, "Camera.width", 1, MOST_PIXELS),
+        integer(height, "Camera.height", 1, MOST_PIXELS),
+    )

@@ -16,6 +16,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from softshadow import checks
 from softshadow._core import __version__
 from softshadow.camera import Camera
 from softshadow.framing import add_ground, camera_for, light_for
@@ -100,9 +101,7 @@ def _method(name: str, samples: int | None, seed: int | None) -> Method:
     for parameter in given:
         if parameter not in known:
             raise ValueError(f"--{parameter}: method {name!r} has no such parameter")
-    configured = replace(method, **given)
-    configured._to_core()  # says what is out of range, before a model is read
-    return configured
+    return replace(method, **given)  # says what is out of range, before a model is read
 
 
 def _camera(
@@ -168,6 +167,8 @@ def render(
 ) -> None:
     """Render a model's shadow to an image file."""
     check_path(output)
+    if exposure is not None and not checks.number(exposure, "--exposure", "a positive number") > 0:
+        raise ValueError(f"--exposure: expected a positive number, got {exposure}")
     w, h = _size(size)
     configured = _method(method, samples, seed)
     parsed = None if light is None else parse_light(light)
@@ -218,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = app(given, prog_name="softshadow", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, MemoryError) as error:
         return _fail(str(error))
     except Exception as error:
         # Wrong arguments. Typer has its own copy of Click or uses the installed one, by version, so

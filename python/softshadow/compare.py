@@ -9,7 +9,7 @@ from statistics import median
 import numpy as np
 import pandas as pd
 
-from softshadow import metrics
+from softshadow import checks, metrics
 from softshadow._core import UnsupportedError
 from softshadow.camera import Camera
 from softshadow.methods import Method, MethodLike, RayTraced, method_names, resolve
@@ -99,8 +99,7 @@ def compare(
         If a method is unknown, listed twice or (when listed) cannot do the scene, the camera sees
         no surface, or the reference's size is not the camera's.
     """
-    if repeats != int(repeats) or repeats < 1:
-        raise ValueError(f"repeats: expected an integer >= 1, got {repeats!r}")
+    repeats = checks.integer(repeats, "repeats", 1, 1_000_000)
     if isinstance(methods, (str, Method)):
         raise TypeError("methods: expected a sequence of methods; put a single one in a list")
     chosen = {

@@ -14,6 +14,8 @@ import imageio.v3 as imageio
 import numpy as np
 import numpy.typing as npt
 
+from softshadow import checks
+
 __all__ = ["auto_exposure", "check_path", "to_srgb", "write"]
 
 _AUTO_PERCENTILE = 99.0
@@ -38,7 +40,7 @@ def auto_exposure(radiance: npt.ArrayLike) -> float:
         One over the 99th percentile of the largest channel, over pixels that are not black; 1 for
         a black image.
     """
-    brightest = np.asarray(radiance, dtype=np.float64).max(axis=-1)
+    brightest = checks.numbers(radiance, "radiance").max(axis=-1)
     lit = brightest[np.isfinite(brightest) & (brightest > 0)]
     return 1.0 / float(np.percentile(lit, _AUTO_PERCENTILE)) if lit.size else 1.0
 
@@ -58,12 +60,12 @@ def to_srgb(radiance: npt.ArrayLike, exposure: float | None = None) -> npt.NDArr
     -------
     ndarray, shape (H, W, 3), float64
     """
-    linear = np.asarray(radiance, dtype=np.float64)
+    linear = checks.numbers(radiance, "radiance")
     if linear.ndim != 3 or linear.shape[2] != 3:
         raise ValueError(f"radiance: expected shape (H, W, 3), got {linear.shape}")
     if exposure is None:
         exposure = auto_exposure(linear)
-    elif not (np.isfinite(exposure) and exposure > 0):
+    elif not checks.number(exposure, "exposure", "a positive number") > 0:
         raise ValueError(f"exposure: expected a positive number, got {exposure}")
     v = np.clip(linear * exposure, 0.0, 1.0)
     # IEC 61966-2-1: linear near black, where the power's slope would be infinite.
@@ -124,6 +126,7 @@ def write(
         If the file cannot be written.
     """
     file = check_path(path)
+    checks.refuse_masked(array, str(file))
     a = np.asarray(array)
     if a.dtype.kind not in "fiub":
         raise ValueError(f"{file}: expected an array of numbers, got {type(array).__name__}")

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from softshadow import checks
 from softshadow._core import kernels as _kernels
 from softshadow.camera import Camera
 from softshadow.light import Light, Vector, as_vector
@@ -24,8 +25,8 @@ from softshadow.light_maps import (
     ssoc_maps,
     trace_layered_maps,
 )
-from softshadow.methods import SingleSample, Wedges
-from softshadow.scene import Scene, _curve_arrays
+from softshadow.methods import RayTraced, SingleSample, Wedges
+from softshadow.scene import SIDES, Scene, as_faces, curve_arrays
 
 __all__ = [
     "LayeredMap",
@@ -56,16 +57,12 @@ _Floats = npt.NDArray[np.float32]
 _Doubles = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 
+_MOST_TEXELS = 8192
 
-def _faces(array: npt.ArrayLike) -> npt.NDArray[np.int64]:
-    result = np.asarray(array)
-    if result.shape == (0,):  # an empty list
-        result = result.reshape(0, 3)
-    if result.ndim != 2 or result.shape[1] != 3:
-        raise ValueError(f"faces: expected shape (F, 3), got {result.shape}")
-    if result.size and result.dtype.kind not in "iu":
-        raise TypeError(f"faces: expected integers, got dtype {result.dtype}")
-    return np.ascontiguousarray(result, dtype=np.int64)
+
+def _mesh(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> tuple[_Doubles, npt.NDArray[np.int64]]:
+    v = _points(vertices, "vertices")
+    return v, as_faces(faces, "faces", len(v))
 
 
 def mesh_edges(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> tuple[_Ints, _Ints]:
@@ -89,7 +86,7 @@ def mesh_edges(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> tuple[_Ints, _I
     ValueError
         If the mesh is invalid, as in `Scene.add`.
     """
-    edges, counts = _kernels.mesh_edges(_points(vertices, "vertices"), _faces(faces))
+    edges, counts = _kernels.mesh_edges(*_mesh(vertices, faces))
     return edges, counts
 
 
@@ -119,8 +116,9 @@ def curve_tubes(
     ValueError, TypeError
         As `Scene.add_curves`.
     """
-    arrays = _curve_arrays("curves", points, offsets, radii)
-    vertices, faces = _kernels.curve_tubes("curves", *arrays, sides)
+    arrays = curve_arrays("curves", points, offsets, radii)
+    n = checks.integer(sides, "curves: sides", *SIDES)
+    vertices, faces = _kernels.curve_tubes("curves", *arrays, n)
     return vertices, faces
 
 
@@ -155,7 +153,7 @@ def silhouette_edges(
         If the mesh is invalid, as in `Scene.add`.
     """
     edges, windings = _kernels.silhouette_edges(
-        _points(vertices, "vertices"), _faces(faces), as_vector(viewpoint, "viewpoint")
+        *_mesh(vertices, faces), as_vector(viewpoint, "viewpoint")
     )
     return edges, windings
 
@@ -190,7 +188,7 @@ def silhouette_loops(
         If the mesh is invalid, as in `Scene.add`.
     """
     loops: list[_Ints] = _kernels.silhouette_loops(
-        _points(vertices, "vertices"), _faces(faces), as_vector(viewpoint, "viewpoint")
+        *_mesh(vertices, faces), as_vector(viewpoint, "viewpoint")
     )
     return loops
 
@@ -226,9 +224,7 @@ def rasterize(
     ValueError
         If the mesh is invalid, as in `Scene.add`.
     """
-    ids, depth = _kernels.rasterize(
-        _points(vertices, "vertices"), _faces(faces), camera._core, progress
-    )
+    ids, depth = _kernels.rasterize(*_mesh(vertices, faces), camera._core, progress)
     return ids, depth
 
 
@@ -338,8 +334,9 @@ def light_samples(
     colours : ndarray, shape (samples, 3), float32
         Radiance of each sample.
     """
+    checked = RayTraced(samples=samples, seed=seed)
     points, weights, colours = _kernels.light_samples(
-        light._core, as_vector(point, "point"), samples, seed
+        light._core, as_vector(point, "point"), checked.samples, checked.seed
     )
     return points, weights, colours
 
@@ -424,17 +421,14 @@ def accumulate(
     n = len(points)
     if n == 0:
         raise ValueError("light_points: expected at least one")
-    weights = np.full(n, 1.0 / n) if colours is None else np.asarray(colours, dtype=np.float64)
+    weights = np.full(n, 1.0 / n) if colours is None else checks.numbers(colours, "colours")
     if weights.shape not in ((n,), (n, 3)):
         raise ValueError(f"colours: expected shape ({n},) or ({n}, 3), got {weights.shape}")
     rgb = np.ascontiguousarray(np.broadcast_to(weights.reshape(n, -1), (n, 3)))
     edges = [as_vector(edge_u, "edge_u"), as_vector(edge_v, "edge_v")]
-    width, height = (int(x) for x in size)
-    if width < 1 or height < 1:
-        raise ValueError(f"size: expected 1 texel a side or more, got {width} x {height}")
+    width, height = checks.size(size, "size", _MOST_TEXELS)
     flat: _Floats = _kernels.accumulate(
-        _points(vertices, "vertices"),
-        _faces(faces),
+        *_mesh(vertices, faces),
         points,
         rgb,
         as_vector(corner, "corner"),
@@ -517,17 +511,17 @@ def convolve_shadow(
         If shapes do not fit, a value is not finite or out of its range, or the light's centre lies
         in the parallelogram's plane.
     """
-    hard = np.asarray(visibility, dtype=np.float32)
+    hard = checks.numbers(visibility, "visibility")
     if hard.ndim != 2:
         raise ValueError(f"visibility: expected shape (H, W), got {hard.shape}")
     if not ((hard >= 0) & (hard <= 1)).all():
         raise ValueError("visibility: expected finite numbers from 0 to 1")
     hidden: _Floats = _kernels.convolve_shadow(
-        np.ascontiguousarray(1 - hard[::-1]),
+        np.ascontiguousarray(1 - hard.astype(np.float32)[::-1]),
         light._core,
         as_vector(corner, "corner"),
         [as_vector(edge_u, "edge_u"), as_vector(edge_v, "edge_v")],
-        float(scale),
+        checks.number(scale, "scale"),
         progress,
     )
     return np.ascontiguousarray(1 - np.clip(hidden[::-1], 0, 1))
@@ -562,7 +556,9 @@ def wedges(
     ValueError
         If the scene is empty, has spheres that cast, or a parameter is out of its range.
     """
-    return PenumbraWedges(**_kernels.wedges(scene._core, light._core, vertex_angle, planes))
+    checked = Wedges(vertex_angle=vertex_angle, planes=planes)
+    found = _kernels.wedges(scene._core, light._core, checked.vertex_angle, checked.planes)
+    return PenumbraWedges(**found)
 
 
 def light_intensity(
@@ -671,6 +667,6 @@ def attenuation(
     ValueError
         If a value is not a number, or the falloff is unknown.
     """
-    t = np.asarray(tau, dtype=np.float64)
+    t = checks.numbers(tau, "tau")
     result: _Doubles = _kernels.attenuation(np.ascontiguousarray(t.ravel()), falloff)
     return result.reshape(t.shape)

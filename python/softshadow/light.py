@@ -5,13 +5,14 @@ Flat lights emit on one side; a sphere emits outwards. Sizes are world units, al
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import _core
+from softshadow.checks import number, numbers, points, single
 
 RGB: TypeAlias = "float | tuple[float, float, float] | npt.ArrayLike"
 """A colour: one number for grey, or three linear RGB values."""
@@ -19,21 +20,33 @@ RGB: TypeAlias = "float | tuple[float, float, float] | npt.ArrayLike"
 Vector: TypeAlias = "tuple[float, float, float] | npt.ArrayLike"
 """A point or direction: three finite numbers."""
 
+as_points = points
+
 
 def as_rgb(value: RGB, what: str) -> tuple[float, float, float]:
-    """Return `value` as three non-negative finite floats, or raise ``ValueError`` naming `what`."""
-    array = np.asarray(value, dtype=np.float64)
+    """Return `value` as three non-negative floats that single precision holds.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Otherwise; the message begins with `what`.
+    """
+    array = single(value, what, "a number or 3 linear RGB values")
     if array.shape not in ((), (3,)):
         raise ValueError(f"{what}: expected a number or 3 RGB values, got shape {array.shape}")
-    if not np.all(np.isfinite(array)) or np.any(array < 0):
-        raise ValueError(f"{what}: expected finite values >= 0, got {array.tolist()}")
     r, g, b = (float(x) for x in np.broadcast_to(array, (3,)))
     return r, g, b
 
 
 def as_vector(value: Vector, what: str) -> tuple[float, float, float]:
-    """Return `value` as three finite floats, or raise ``ValueError`` naming `what`."""
-    array = np.asarray(value, dtype=np.float64)
+    """Return `value` as three finite floats.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Otherwise; the message begins with `what`.
+    """
+    array = numbers(value, what, "3 numbers")
     if array.shape != (3,):
         raise ValueError(f"{what}: expected 3 numbers, got shape {array.shape}")
     if not np.all(np.isfinite(array)):
@@ -42,16 +55,29 @@ def as_vector(value: Vector, what: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def as_points(array: npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
-    """Return rows of three numbers, or raise ``ValueError`` naming `what`."""
-    result = np.ascontiguousarray(array, dtype=np.float64)
-    if result.ndim != 2 or result.shape[1] != 3:
-        raise ValueError(f"{what}: expected shape (N, 3), got {result.shape}")
-    return result
+class _Light:
+    """What the lights share: they are rebuilt on the other side of a process boundary."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        kept = tuple(getattr(self, f.name) for f in fields(self) if f.init)  # type: ignore[arg-type]
+        return type(self), kept
+
+    def _store(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def _check(self, vectors: tuple[str, ...]) -> None:
+        """Store the fields as floats and tuples of floats, which cannot be changed."""
+        kind = type(self).__name__
+        for name in vectors:
+            self._store(name, as_vector(getattr(self, name), f"{kind}.{name}"))
+        if hasattr(self, "radius"):
+            self._store("radius", number(self.radius, f"{kind}.radius", "a finite number >= 0"))
+        radiance = getattr(self, "radiance")  # noqa: B009 (a field of every light, not of this)
+        self._store("radiance", as_rgb(radiance, f"{kind}.radiance"))
 
 
 @dataclass(frozen=True)
-class RectLight:
+class RectLight(_Light):
     """A parallelogram that emits towards ``edge_u × edge_v``.
 
     Parameters
@@ -61,12 +87,12 @@ class RectLight:
     edge_u, edge_v : array_like, shape (3,)
         The full edge vectors (not half), in world units; they need not be perpendicular.
     radiance : float or array_like of shape (3,)
-        Emitted radiance, linear RGB.
+        Emitted radiance, linear RGB: 0, or 1.2e-38 to 3.4e38 (kernels work in single precision).
 
     Raises
     ------
-    ValueError
-        If a number is not finite, or the edges span no area.
+    ValueError, TypeError
+        If a number is not finite or no number, or the edges span no area.
     """
 
     center: Vector
@@ -77,15 +103,13 @@ class RectLight:
 
     def __post_init__(self) -> None:
         """Validate the fields and store them as tuples of floats."""
-        for name in ("center", "edge_u", "edge_v"):
-            object.__setattr__(self, name, as_vector(getattr(self, name), f"RectLight.{name}"))
-        object.__setattr__(self, "radiance", as_rgb(self.radiance, "RectLight.radiance"))
+        self._check(("center", "edge_u", "edge_v"))
         core = _core.Light.rect(self.center, self.edge_u, self.edge_v, self.radiance)
-        object.__setattr__(self, "_core", core)
+        self._store("_core", core)
 
 
 @dataclass(frozen=True)
-class DiskLight:
+class DiskLight(_Light):
     """A disk that emits towards `normal`.
 
     Parameters
@@ -98,12 +122,12 @@ class DiskLight:
         In world units. Zero makes a point with a hemisphere, for methods that allow it; its
         unshadowed irradiance is zero.
     radiance : float or array_like of shape (3,)
-        Emitted radiance, linear RGB.
+        Emitted radiance, linear RGB: 0, or 1.2e-38 to 3.4e38 (kernels work in single precision).
 
     Raises
     ------
-    ValueError
-        If a number is not finite, the normal is zero or the radius is negative.
+    ValueError, TypeError
+        If a number is not finite or no number, the normal is zero or the radius is negative.
     """
 
     center: Vector
@@ -114,16 +138,13 @@ class DiskLight:
 
     def __post_init__(self) -> None:
         """Validate the fields and store them as tuples of floats."""
-        for name in ("center", "normal"):
-            object.__setattr__(self, name, as_vector(getattr(self, name), f"DiskLight.{name}"))
-        object.__setattr__(self, "radius", float(self.radius))
-        object.__setattr__(self, "radiance", as_rgb(self.radiance, "DiskLight.radiance"))
+        self._check(("center", "normal"))
         core = _core.Light.disk(self.center, self.normal, self.radius, self.radiance)
-        object.__setattr__(self, "_core", core)
+        self._store("_core", core)
 
 
 @dataclass(frozen=True)
-class SphereLight:
+class SphereLight(_Light):
     """A sphere that emits outwards.
 
     Parameters
@@ -134,12 +155,12 @@ class SphereLight:
         In world units. Zero makes a point, for methods that allow it; its unshadowed irradiance
         is zero.
     radiance : float or array_like of shape (3,)
-        Emitted radiance, linear RGB.
+        Emitted radiance, linear RGB: 0, or 1.2e-38 to 3.4e38 (kernels work in single precision).
 
     Raises
     ------
-    ValueError
-        If a number is not finite or the radius is negative.
+    ValueError, TypeError
+        If a number is not finite or no number, or the radius is negative.
     """
 
     center: Vector
@@ -149,11 +170,9 @@ class SphereLight:
 
     def __post_init__(self) -> None:
         """Validate the fields and store them as tuples of floats."""
-        object.__setattr__(self, "center", as_vector(self.center, "SphereLight.center"))
-        object.__setattr__(self, "radius", float(self.radius))
-        object.__setattr__(self, "radiance", as_rgb(self.radiance, "SphereLight.radiance"))
+        self._check(("center",))
         core = _core.Light.sphere(self.center, self.radius, self.radiance)
-        object.__setattr__(self, "_core", core)
+        self._store("_core", core)
 
 
 Light: TypeAlias = "RectLight | DiskLight | SphereLight"

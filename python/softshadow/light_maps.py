@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from softshadow import checks
 from softshadow._core import kernels as _kernels
 from softshadow.camera import Camera
 from softshadow.light import Light, as_points
@@ -260,11 +261,14 @@ def _frame(m: LayeredMap) -> tuple[tuple[float, ...], float] | None:
         return None
     if m.origin is None or m.unit is None:
         raise ValueError("maps: origin and unit must be given together")
-    return tuple(_numbers(m.origin, "origin", np.float64, (3,)).tolist()), float(m.unit)
+    return tuple(_numbers(m.origin, "origin", np.float64, (3,)).tolist()), checks.number(
+        m.unit, "maps: unit"
+    )
 
 
 def _flat_arrays(m: LayeredMap, name: str) -> dict[str, Any]:
     """Return a map's arrays as the kernel takes them, their shapes and kinds checked."""
+    checks.refuse_masked(m.depths, f"{name}: depths")
     depths = np.asarray(m.depths)
     size = (m.camera.height, m.camera.width)
     if depths.ndim != 3 or depths.shape[:2] != size or not 1 <= depths.shape[2] <= 64:
@@ -281,7 +285,8 @@ def _flat_arrays(m: LayeredMap, name: str) -> dict[str, Any]:
         "transmittance": (np.float32, shape),
         "slopes": (np.float64, (*shape, 2)),
     }
-    out: dict[str, Any] = {"name": name, "camera": m.camera._core, "group": m.group}
+    group = checks.integer(m.group, f"{name}: group", -(2**63), 2**63 - 1)
+    out: dict[str, Any] = {"name": name, "camera": m.camera._core, "group": group}
     out["layers"] = shape[2]
     for key, (dtype, expected) in kinds.items():
         array = getattr(m, key)
@@ -296,6 +301,7 @@ def _numbers(
     array: npt.ArrayLike, what: str, dtype: type[np.generic], shape: tuple[int, ...]
 ) -> npt.NDArray[Any]:
     """Return an array of a dtype; fractions do not become integers."""
+    checks.refuse_masked(array, what)
     result = np.asarray(array)
     allowed = "iu" if np.issubdtype(dtype, np.integer) else "iuf"
     if result.dtype.kind not in allowed:

@@ -20,6 +20,8 @@ import numpy.typing as npt
 import pandas as pd
 from skimage.metrics import structural_similarity
 
+from softshadow import checks
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -341,6 +343,7 @@ def _ssim_or_nan(
 
 
 def _array(values: npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
+    checks.refuse_masked(values, what)
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
         raise ValueError(
@@ -354,6 +357,7 @@ def _where(where: npt.ArrayLike | None, shape: tuple[int, ...]) -> npt.NDArray[n
     if where is None:
         chosen = np.ones(shape, dtype=np.bool_)
     else:
+        checks.refuse_masked(where, "where", "booleans")
         mask = np.asarray(where)
         if mask.dtype.kind != "b":
             raise ValueError(f"where: expected booleans, got dtype {mask.dtype}")

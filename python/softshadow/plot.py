@@ -15,7 +15,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from softshadow import metrics
+from softshadow import checks, metrics
 from softshadow.images import auto_exposure, to_srgb
 from softshadow.render import Image
 
@@ -163,6 +163,7 @@ def _pixels(image: Image | npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
         if what == "visibility" and values.ndim == 3:
             values = values.mean(axis=0)
         return values
+    checks.refuse_masked(image, "image")
     array = np.asarray(image)
     if array.dtype.kind not in "fiub":
         raise TypeError(f"expected an Image or an array of numbers, got {type(image).__name__}")

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from softshadow import _core
+from softshadow import _core, checks
 from softshadow.camera import Camera
 from softshadow.light import DiskLight, Light, RectLight, SphereLight, as_points
 from softshadow.methods import Method, MethodLike, resolve
@@ -108,7 +108,8 @@ class _Bar:
 class Prepared:
     """A method with what it builds once for a scene and its lights; made by `prepare`.
 
-    It sees the scene as it was when it was prepared.
+    It sees the scene as it was when it was prepared: what is done to the scene later changes
+    nothing here.
     """
 
     def __init__(
@@ -116,13 +117,24 @@ class Prepared:
     ) -> None:
         if not isinstance(scene, Scene):
             raise TypeError(f"scene: expected softshadow.Scene, got {type(scene).__name__}")
-        self.method: Method = resolve(method)
-        self.lights, self._single = _lights(light)
+        self._method: Method = resolve(method)
+        lights, self._single = _lights(light)
+        self._lights = tuple(lights)
         method_core = self.method._to_core()
         with _Bar(progress, f"{self.method.name}: prepare") as report:
             self._core: _core.Prepared = _core.prepare(
                 scene._core, [x._core for x in self.lights], method_core, report
             )
+
+    @property
+    def method(self) -> Method:
+        """The method."""
+        return self._method
+
+    @property
+    def lights(self) -> tuple[Light, ...]:
+        """The lights."""
+        return self._lights
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -194,7 +206,7 @@ class Prepared:
         p = as_points(points, "points")
         n: npt.NDArray[np.float64] | None = None
         if normals is not None:
-            n = np.ascontiguousarray(np.asarray(normals, dtype=np.float64))
+            n = checks.numbers(normals, "normals")
             if n.shape != p.shape:
                 raise ValueError(f"normals: expected shape {p.shape} as the points, got {n.shape}")
         with _Bar(progress, f"{self.method.name}: visibility") as report:

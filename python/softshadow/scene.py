@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from softshadow import _core
+from softshadow import _core, checks
 from softshadow.light import RGB, as_rgb
+from softshadow.reading import MAX_BYTES, MAX_CORNERS, read
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
@@ -20,9 +23,12 @@ MeshLike: TypeAlias = (
 """What `Scene.add` takes."""
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Mesh:
-    """One entry of a scene: a triangle mesh.
+    """One entry of a scene: a triangle mesh, as it was when the scene was asked for it.
+
+    Its fields and arrays cannot be changed: `Scene.set_vertices`, `Scene.set_transform` and
+    `Scene.set_look` change what is in the scene.
 
     Attributes
     ----------
@@ -52,7 +58,7 @@ class Mesh:
         return rotated + self.transform[:3, 3]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Curves(Mesh):
     """One entry of a scene: curves such as hair, and the mesh of tubes that stands for them.
 
@@ -73,7 +79,7 @@ class Curves(Mesh):
     sides: int
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Spheres:
     """One entry of a scene: analytic spheres, exact outlines without triangles.
 
@@ -97,16 +103,6 @@ class Spheres:
     receives: bool
 
 
-def _read(path: str | PathLike[str]) -> trimesh.Trimesh | trimesh.Scene:
-    file = Path(path)
-    if not file.is_file():
-        raise ValueError(f"{file}: no such file")
-    try:
-        return trimesh.load(file)
-    except Exception as error:  # trimesh raises whatever its readers raise
-        raise ValueError(f"{file}: cannot be read as a mesh ({error})") from error
-
-
 class Scene:
     """Meshes, curves and spheres that cast and receive shadows.
 
@@ -127,8 +123,24 @@ class Scene:
 
     @property
     def entries(self) -> tuple[Mesh | Spheres, ...]:
-        """All entries; an image's ``mesh_id`` indexes this."""
+        """All entries, which cannot be changed; an image's ``mesh_id`` indexes this."""
         return tuple(self._entries.values())
+
+    def __getitem__(self, name: str) -> Mesh | Spheres:
+        """Return the entry of that name, which cannot be changed.
+
+        Raises
+        ------
+        ValueError
+            If there is none.
+        """
+        return self._entry(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._entries
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -175,8 +187,12 @@ class Scene:
         opacity: float = 1.0,
         casts: bool = True,
         receives: bool = True,
+        transform: npt.ArrayLike | None = None,
+        *,
+        max_bytes: int = MAX_BYTES,
+        max_corners: int = MAX_CORNERS,
     ) -> str:
-        """Add a mesh.
+        """Add a mesh. Its arrays are copied: what is done to them later does not matter.
 
         Vertices at the same position are joined (exactly equal coordinates only, so files that
         repeat a vertex for every face have their neighbourhoods back); nothing else is repaired.
@@ -196,6 +212,13 @@ class Scene:
             False: never an occluder.
         receives : bool
             False: shaded as unshadowed.
+        transform : array_like, shape (4, 4), optional
+            As of `set_transform`.
+        max_bytes : int
+            Of a path: a file that is larger, or an archive that holds more, is an error before it
+            is read. By default 512 MiB.
+        max_corners : int
+            Of an OBJ file: most corners of a face.
 
         Returns
         -------
@@ -206,20 +229,30 @@ class Scene:
         ------
         ValueError
             If the mesh is empty, has no extent, has coordinates that are not finite or face indices
-            out of range, is a point cloud, or an option is out of range.
+            out of range, is a point cloud, or an option is out of range. Of files as of arrays:
+            nothing is dropped or repaired on the way.
         TypeError
             If `mesh` is of another type.
         """
-        vertices, faces = _arrays(mesh)
-        base = name
-        if base is None:
-            is_path = isinstance(mesh, (str, PathLike))
-            base = self._free_name(Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
-        rgb = as_rgb(albedo, f"mesh {base!r}: albedo")
-        self._core.add_mesh(base, vertices, faces, rgb, float(opacity), bool(casts), bool(receives))
-        self._entries[base] = Mesh(
-            base, vertices, faces, np.eye(4), rgb, float(opacity), bool(casts), bool(receives)
+        is_path = isinstance(mesh, (str, PathLike))
+        limits = (
+            checks.integer(max_bytes, "max_bytes", 1, 2**63 - 1),
+            checks.integer(max_corners, "max_corners", 3, 2**63 - 1),
         )
+        vertices, faces = _arrays(mesh, *limits)
+        base = self._new_name(name, Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
+        look = _look(f"mesh {base!r}", albedo, opacity, casts, receives)
+        self._core.add_mesh(base, vertices, faces, *look)
+        if transform is not None:
+            try:
+                placed = self._place(base, transform)
+            except (TypeError, ValueError):
+                self._core.remove(base)
+                raise
+        else:
+            placed = np.eye(4)
+        shape = checks.frozen(vertices), checks.frozen(faces), checks.frozen(placed)
+        self._entries[base] = Mesh(base, *(*shape, *look))
         return base
 
     def add_spheres(
@@ -253,17 +286,11 @@ class Scene:
         ValueError
             If shapes do not fit or a value is not finite or not positive.
         """
-        c = np.ascontiguousarray(np.atleast_2d(np.asarray(centers, dtype=np.float64)))
-        r = np.asarray(radii, dtype=np.float64)
-        if c.ndim != 2 or c.shape[1] != 3:
-            raise ValueError(f"spheres: expected centers of shape (N, 3), got {c.shape}")
-        if r.shape not in ((), (len(c),)):
-            raise ValueError(f"spheres: expected {len(c)} radii, got shape {r.shape}")
-        r = np.ascontiguousarray(np.broadcast_to(r, (len(c),)))
-        base = self._free_name("spheres") if name is None else name
-        rgb = as_rgb(albedo, f"spheres {base!r}: albedo")
-        self._core.add_spheres(base, c, r, rgb, float(opacity), bool(casts), bool(receives))
-        self._entries[base] = Spheres(base, c, r, rgb, float(opacity), bool(casts), bool(receives))
+        base = self._new_name(name, "spheres")
+        c, r = _sphere_arrays(f"spheres {base!r}", centers, radii)
+        look = _look(f"spheres {base!r}", albedo, opacity, casts, receives)
+        self._core.add_spheres(base, c, r, *look)
+        self._entries[base] = Spheres(base, checks.frozen(c), checks.frozen(r), *look)
         return base
 
     def add_curves(
@@ -314,33 +341,20 @@ class Scene:
         TypeError
             If offsets are not integers.
         """
-        base = self._free_name("curves") if name is None else name
-        p, o, r = _curve_arrays(f"curves {base!r}", points, offsets, radii)
-        rgb = as_rgb(albedo, f"curves {base!r}: albedo")
-        vertices, faces = _core.kernels.curve_tubes(f'curves "{base}"', p, o, r, sides)
-        self._core.add_mesh(base, vertices, faces, rgb, float(opacity), bool(casts), bool(receives))
-        self._entries[base] = Curves(
-            base,
-            *(vertices, faces, np.eye(4), rgb, float(opacity), bool(casts), bool(receives)),
-            *(p, o, r, int(sides)),
-        )
+        base = self._new_name(name, "curves")
+        p, o, r = curve_arrays(f"curves {base!r}", points, offsets, radii)
+        n = checks.integer(sides, f"curves {base!r}: sides", *SIDES)
+        look = _look(f"curves {base!r}", albedo, opacity, casts, receives)
+        vertices, faces = _core.kernels.curve_tubes(f'curves "{base}"', p, o, r, n)
+        self._core.add_mesh(base, vertices, faces, *look)
+        shape = checks.frozen(vertices), checks.frozen(faces), checks.frozen(np.eye(4))
+        curves = checks.frozen(p), checks.frozen(o), checks.frozen(r)
+        self._entries[base] = Curves(base, *(*shape, *look, *curves, n))
         return base
 
     def copy(self) -> Scene:
         """Return an independent scene with the same entries, of which nothing is built yet."""
-        other = Scene()
-        for e in self._entries.values():
-            look = (e.name, e.albedo, e.opacity, e.casts, e.receives)
-            if isinstance(e, Curves):
-                curves = (e.points, e.offsets, e.radii, e.opacity)
-                other.add_curves(*curves, e.name, e.albedo, e.casts, e.receives, e.sides)
-            elif isinstance(e, Mesh):
-                other.add((e.vertices, e.faces), *look)
-            else:
-                other.add_spheres(e.centers, e.radii, *look)
-            if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):
-                other.set_transform(e.name, e.transform)
-        return other
+        return _scene_of(self.entries)
 
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
         """Place a mesh or curves; its adjacency and the tree's topology are kept.
@@ -357,11 +371,17 @@ class Scene:
         ValueError
             If there is no such mesh, or the matrix is not finite, not affine or singular.
         """
-        m = np.ascontiguousarray(np.asarray(matrix, dtype=np.float64))
+        entry = self._mesh(name)
+        placed = checks.frozen(self._place(name, matrix))
+        self._entries[name] = replace(entry, transform=placed)
+
+    def _place(self, name: str, matrix: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        what = f"mesh {name!r}: transform"
+        m = checks.numbers(matrix, what)
         if m.shape != (4, 4):
-            raise ValueError(f"mesh {name!r}: transform: expected shape (4, 4), got {m.shape}")
+            raise ValueError(f"{what}: expected shape (4, 4), got {m.shape}")
         self._core.set_transform(name, m)
-        self._mesh(name).transform = m
+        return m
 
     def set_vertices(self, name: str, vertices: npt.ArrayLike) -> None:
         """Move a mesh's vertices, keeping its faces, or the points of curves, keeping their radii.
@@ -380,8 +400,8 @@ class Scene:
             If there is no such mesh, the count differs, a coordinate is not finite, or joined
             vertices are torn apart; for curves as `add_curves`.
         """
-        v = _as_vertices(vertices)
-        entry = self._entries.get(name)
+        entry = self._mesh(name)
+        v = _as_vertices(vertices, f"mesh {name!r}")
         if isinstance(entry, Curves):
             what = f'curves "{name}"'
             if v.shape != entry.points.shape:
@@ -389,18 +409,111 @@ class Scene:
                 raise ValueError(f"{what}: expected {count} points as before, got {got}")
             tubes, _ = _core.kernels.curve_tubes(what, v, entry.offsets, entry.radii, entry.sides)
             self._core.set_vertices(name, tubes)
-            entry.points, entry.vertices = v, tubes
-            return
-        self._core.set_vertices(name, v)
-        self._mesh(name).vertices = v
+            entry = replace(entry, points=checks.frozen(v))
+            v = tubes
+        else:
+            self._core.set_vertices(name, v)
+        self._entries[name] = replace(entry, vertices=checks.frozen(v))
+
+    def set_spheres(
+        self, name: str, centers: npt.ArrayLike, radii: npt.ArrayLike | None = None
+    ) -> None:
+        """Put other spheres in the place of an entry's; how they look is kept.
+
+        Parameters
+        ----------
+        name : str
+            As returned by `add_spheres`.
+        centers : array_like, shape (N, 3) or (3,)
+            World units; as many as wanted.
+        radii : array_like, shape (N,) or a number, optional
+            World units, positive; as before when not given.
+
+        Raises
+        ------
+        ValueError
+            If there are no spheres of that name; as `add_spheres`.
+        """
+        entry = self._entry(name)
+        if not isinstance(entry, Spheres):
+            raise ValueError(f"mesh {name!r}: expected the name of spheres")
+        what = f"spheres {name!r}"
+        c, r = _sphere_arrays(what, centers, entry.radii if radii is None else radii)
+        self._core.set_spheres(name, c, r)
+        self._entries[name] = replace(entry, centers=checks.frozen(c), radii=checks.frozen(r))
+
+    def set_look(
+        self,
+        name: str,
+        *,
+        albedo: RGB | None = None,
+        opacity: float | None = None,
+        casts: bool | None = None,
+        receives: bool | None = None,
+    ) -> None:
+        """Change how an entry looks and what it takes part in; what is not given is kept.
+
+        Parameters
+        ----------
+        name : str
+            As returned by `add`, `add_spheres` or `add_curves`.
+        albedo, opacity, casts, receives
+            As in `add`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such entry, or a value is out of its range.
+        """
+        e = self._entry(name)
+        look = _look(
+            f"{_kind(e)} {name!r}",
+            e.albedo if albedo is None else albedo,
+            e.opacity if opacity is None else opacity,
+            e.casts if casts is None else casts,
+            e.receives if receives is None else receives,
+        )
+        self._core.set_look(name, *look)
+        names = ("albedo", "opacity", "casts", "receives")
+        self._entries[name] = replace(e, **dict(zip(names, look, strict=True)))  # type: ignore[arg-type]
+
+    def remove(self, name: str) -> None:
+        """Take an entry out of the scene; those after it move up in ``mesh_id``.
+
+        Raises
+        ------
+        ValueError
+            If there is no such entry.
+        """
+        self._entry(name)
+        self._core.remove(name)
+        del self._entries[name]
+
+    def __copy__(self) -> Scene:
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
+        return self.copy()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _scene_of, (self.entries,)
+
+    def _entry(self, name: str) -> Mesh | Spheres:
+        entry = self._entries.get(name) if isinstance(name, str) else None
+        if entry is None:
+            raise ValueError(f"scene: nothing named {name!r}; it has {list(self._entries)}")
+        return entry
 
     def _mesh(self, name: str) -> Mesh:
-        entry = self._entries.get(name)
+        entry = self._entries.get(name) if isinstance(name, str) else None
         if not isinstance(entry, Mesh):
             raise ValueError(f"scene: no mesh named {name!r}; it has {list(self._entries)}")
         return entry
 
-    def _free_name(self, base: str) -> str:
+    def _new_name(self, name: str | None, base: str) -> str:
+        """Return the name that was given, or a free one; the core refuses one that is taken."""
+        if name is not None:
+            return checks.name_of(name, "name")
         if base not in self._entries:
             return base
         number = 2
@@ -412,42 +525,91 @@ class Scene:
         return f"Scene({', '.join(self._entries)}; {self.triangle_count} triangles)"
 
 
-def _as_vertices(vertices: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    try:
-        v = np.array(vertices, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise TypeError(f"mesh: vertices must be numbers ({error})") from None
+SIDES = (3, 64)
+"""Flat sides that a curve's tube may have."""
+
+
+def _scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
+    """Return a scene of its own with these entries."""
+    scene = Scene()
+    for e in entries:
+        look = (e.name, e.albedo, e.opacity, e.casts, e.receives)
+        if isinstance(e, Curves):
+            curves = (e.points, e.offsets, e.radii, e.opacity)
+            scene.add_curves(*curves, e.name, e.albedo, e.casts, e.receives, e.sides)
+        elif isinstance(e, Mesh):
+            scene.add((e.vertices, e.faces), *look)
+        else:
+            scene.add_spheres(e.centers, e.radii, *look)
+        if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):
+            scene.set_transform(e.name, e.transform)
+    return scene
+
+
+def _kind(entry: Mesh | Spheres) -> str:
+    """Return what messages call an entry."""
+    return "mesh" if isinstance(entry, Mesh) else "spheres"
+
+
+Look: TypeAlias = "tuple[tuple[float, float, float], float, bool, bool]"
+"""Albedo, opacity, whether it casts, whether it receives."""
+
+
+def _look(what: str, albedo: RGB, opacity: float, casts: bool, receives: bool) -> Look:
+    """Return how an entry looks, checked."""
+    rgb = as_rgb(albedo, f"{what}: albedo")
+    o = checks.number(opacity, f"{what}: opacity", "a number between 0 and 1", finite=False)
+    if not 0 <= o <= 1:  # here, since the core would see it rounded to single precision
+        got = "NaN" if math.isnan(o) else opacity
+        entry = what.replace("'", '"')  # as the core has it
+        raise ValueError(f"{entry}: opacity must be between 0 and 1, got {got}")
+    flags = checks.flag(casts, f"{what}: casts"), checks.flag(receives, f"{what}: receives")
+    return rgb, o, *flags
+
+
+def _as_vertices(vertices: npt.ArrayLike, what: str = "mesh") -> npt.NDArray[np.float64]:
+    v = checks.numbers(vertices, f"{what}: vertices", "numbers")
     if v.ndim != 2 or v.shape[1] != 3:
-        raise ValueError(f"mesh: expected vertices of shape (V, 3), got {v.shape}")
+        raise ValueError(f"{what}: expected vertices of shape (V, 3), got {v.shape}")
     return v
 
 
-def _curve_arrays(
+def _sphere_arrays(
+    what: str, centers: npt.ArrayLike, radii: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return private, contiguous copies; the core checks their values."""
+    c = np.atleast_2d(checks.numbers(centers, f"{what}: centers"))
+    r = checks.numbers(radii, f"{what}: radii")
+    if c.ndim != 2 or c.shape[1] != 3:
+        raise ValueError(f"{what}: expected centers of shape (N, 3), got {c.shape}")
+    if r.shape not in ((), (len(c),)):
+        raise ValueError(f"{what}: expected {len(c)} radii, got shape {r.shape}")
+    return c, np.array(np.broadcast_to(r, (len(c),)))
+
+
+def curve_arrays(
     what: str, points: npt.ArrayLike, offsets: npt.ArrayLike, radii: npt.ArrayLike
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """Return private, contiguous copies of the arrays of curves; the core checks their values."""
-    try:
-        p = np.array(points, dtype=np.float64, order="C")
-        r = np.atleast_1d(np.array(radii, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise TypeError(f"{what}: points and radii must be numbers ({error})") from None
-    o = np.asarray(offsets)
+    p = checks.numbers(points, f"{what}: points", "numbers")
+    r = np.atleast_1d(checks.numbers(radii, f"{what}: radii", "numbers"))
+    o = checks.indices(offsets, f"{what}: offsets")
     if p.ndim != 2 or p.shape[1] != 3:
         raise ValueError(f"{what}: expected points of shape (P, 3), got {p.shape}")
     if o.ndim != 1:
         raise ValueError(f"{what}: expected offsets of shape (C + 1,), got {o.shape}")
-    if o.dtype.kind not in "iu" and o.size:
-        raise TypeError(f"{what}: offsets must be integers, got dtype {o.dtype}")
     if r.ndim != 1:
         raise ValueError(f"{what}: expected radii of shape (), (C,) or (P,), got {r.shape}")
-    return p, np.array(o, dtype=np.int64), r
+    return p, o, r
 
 
-def _arrays(mesh: MeshLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+def _arrays(
+    mesh: MeshLike, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Return contiguous, private copies of a mesh's vertices and faces."""
     if isinstance(mesh, (str, PathLike)):
         try:
-            return _arrays(_read(mesh))
+            return _arrays(read(Path(mesh), max_bytes, max_corners))
         except ValueError as error:
             if str(error).startswith(str(mesh)):
                 raise
@@ -467,14 +629,19 @@ def _arrays(mesh: MeshLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int
             "mesh: expected trimesh.Trimesh, trimesh.Scene, a path or a pair "
             f"(vertices, faces), got {type(mesh).__name__}"
         )
-    f = np.asarray(faces)
+    v = _as_vertices(vertices)
+    return v, as_faces(faces, "mesh: faces", len(v))
+
+
+def as_faces(faces: npt.ArrayLike, what: str, vertices: int) -> npt.NDArray[np.int64]:
+    """Return a private, contiguous copy of faces; the core checks what they refer to."""
+    last = max(vertices - 1, 0)
+    f = checks.indices(faces, what, f"vertices 0 to {last} ({vertices} vertices)")
     if f.size == 0:
         f = f.reshape(0, 3)
     if f.ndim != 2 or f.shape[1] != 3:
-        raise ValueError(f"mesh: expected faces of shape (F, 3), got {f.shape}")
-    if f.dtype.kind not in "iu" and f.size:
-        raise TypeError(f"mesh: faces must be integers, got dtype {f.dtype}")
-    return _as_vertices(vertices), np.array(f, dtype=np.int64, order="C")
+        raise ValueError(f"{what}: expected shape (F, 3), got {f.shape}")
+    return f
 
 
 def _flatten(scene: trimesh.Scene) -> trimesh.Trimesh:

@@ -10,10 +10,12 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 
 use super::objects::{AccumulationParameters, PyLight, PyScene};
-use super::{arrays, run};
+use super::pool::{self, Origin};
+use super::{arrays, run, step};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::light::Light;
+use crate::mesh::{TriMesh, check_finite};
 use crate::methods::accumulation::atlas::{Atlas, Key, MOST_TEXELS};
 use crate::methods::accumulation::lookup::Mask;
 use crate::methods::accumulation::occluders::{Gatherer, Occluders, Side};
@@ -33,11 +35,16 @@ struct Shared {
     polygons: Vec<(u32, bool, u32)>,
     bytes: usize,
     drawn: Mutex<Vec<(Key, Texture)>>,
+    origin: Origin,
 }
 
 impl Shared {
-    fn drawn(&self) -> std::sync::MutexGuard<'_, Vec<(Key, Texture)>> {
-        self.drawn.lock().unwrap_or_else(PoisonError::into_inner)
+    fn drawn(&self) -> Result<std::sync::MutexGuard<'_, Vec<(Key, Texture)>>> {
+        // It may be held by a thread that is not in this process.
+        if self.origin.is_torn() {
+            return Err(pool::torn("Textures"));
+        }
+        Ok(self.drawn.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
@@ -87,6 +94,7 @@ pub(super) fn textures(
             polygons,
             bytes: 0,
             drawn: Mutex::default(),
+            origin: Origin::here(),
         };
         let bytes = shared.atlas.check_memory(&shared.keys(), 0)?;
         Ok(PyTextures(Arc::new(Shared { bytes, ..shared })))
@@ -109,7 +117,7 @@ impl Shared {
 
     fn refine(&self, samples: usize, control: &Control) -> Result<f64> {
         let start = Instant::now();
-        let mut drawn = self.drawn();
+        let mut drawn = self.drawn()?;
         if drawn.is_empty() {
             let empty = |key| (key, self.atlas.texture(key));
             *drawn = self.keys().into_iter().map(empty).collect();
@@ -212,7 +220,7 @@ impl PyTextures {
     fn arrays<'py>(&self, py: Python<'py>, i: usize) -> PyResult<Vec<Bound<'py, PyDict>>> {
         let atlas = &self.0.atlas;
         let lights = atlas.lights.len();
-        let drawn = self.0.drawn();
+        let drawn = self.0.drawn()?;
         let Some(textures) = drawn.get(i * lights..(i + 1) * lights) else {
             return Err(Error::parameter("Textures", "nothing is drawn yet").into());
         };
@@ -221,11 +229,14 @@ impl PyTextures {
             let light = &atlas.lights[key.light as usize];
             let side = atlas.side(*key);
             let each = |f: &(dyn Fn(usize, usize) -> f32 + Sync)| {
-                let rows = (0..h).into_par_iter().rev();
-                let row = |y: usize| (0..w).map(|x| f(x, y)).collect::<Vec<f32>>();
-                rows.flat_map_iter(row).collect::<Vec<f32>>()
+                let all = || {
+                    let rows = (0..h).into_par_iter().rev();
+                    let row = |y: usize| (0..w).map(|x| f(x, y)).collect::<Vec<f32>>();
+                    Ok(rows.flat_map_iter(row).collect::<Vec<f32>>())
+                };
+                step(py, all)
             };
-            let visibility = each(&|x, y| texture.visibility(x, y));
+            let visibility = each(&|x, y| texture.visibility(x, y))?;
             let out = PyDict::new(py);
             if self.0.method.content == Content::EightBit {
                 let samples = texture.samples;
@@ -236,7 +247,7 @@ impl PyTextures {
             }
             if self.0.method.content == Content::Radiance {
                 let irradiance =
-                    each(&|x, y| texture.irradiance(x, y, light, &side).unwrap_or(0.0));
+                    each(&|x, y| texture.irradiance(x, y, light, &side).unwrap_or(0.0))?;
                 out.set_item("irradiance", arrays::rows(py, irradiance, w)?)?;
             }
             out.set_item("visibility", arrays::rows(py, visibility, w)?)?;
@@ -309,12 +320,13 @@ pub(super) fn accumulate<'py>(
         return Err(Error::parameter("size", reason).into());
     }
     let vertices = arrays::points(&vertices, "vertices")?;
-    let mesh = crate::mesh::TriMesh::new("kernel", vertices, &arrays::faces(&faces, "faces")?)?;
+    let faces = arrays::faces(&faces, "faces")?;
     let points = arrays::points(&light_points, "light_points")?;
-    crate::mesh::check_finite("light_points", "point", &points)?;
     let colours = arrays::points(&colours, "colours")?;
-    crate::mesh::check_finite("colours", "colour", &colours)?;
     let flat = run(py, progress.as_ref(), move |control| {
+        let mesh = TriMesh::new("kernel", vertices, &faces)?;
+        check_finite("light_points", "point", &points)?;
+        check_finite("colours", "colour", &colours)?;
         control.expect(points.len());
         let up = bounds.cross().normalize();
         let over = points.iter().filter(|p| up.dot(**p - bounds.corner) > 0.0);

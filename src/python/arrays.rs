@@ -54,7 +54,7 @@ pub(super) fn matrix(array: &PyReadonlyArray2<'_, f64>, what: &str) -> Result<DM
 
 /// Whether there is memory for a copy of an array of three columns; large inputs all come through here.
 fn check_memory(shape: &[usize], what: &str) -> Result<()> {
-    super::ready()?;
+    super::allocator::take_reserve();
     memory::check(|| format!("{what}: its array"), 24 * shape[0])
 }
 

@@ -11,10 +11,11 @@ pub(super) mod kernels {
     use rayon::prelude::*;
 
     use super::super::objects::{PyCamera, PyLight, PyScene};
-    use super::super::{arrays, run};
+    use super::super::{arrays, run, step};
     use crate::bvh::packet::Packet;
     use crate::error::{Error, Result};
     use crate::geometry::Frame;
+    use crate::light::unit;
     use crate::mesh::TriMesh;
     use crate::mesh::silhouettes::{SilhouetteEdge, loops, silhouette_edges as find_silhouettes};
     use crate::mesh::tubes::Curves;
@@ -44,11 +45,13 @@ pub(super) mod kernels {
     type Doubles1<'py> = Bound<'py, PyArray1<f64>>;
 
     fn mesh(
+        py: Python<'_>,
         vertices: &PyReadonlyArray2<'_, f64>,
         faces: &PyReadonlyArray2<'_, i64>,
-    ) -> Result<TriMesh> {
+    ) -> PyResult<TriMesh> {
         let vertices = arrays::points(vertices, "vertices")?;
-        TriMesh::new("kernel", vertices, &arrays::faces(faces, "faces")?)
+        let faces = arrays::faces(faces, "faces")?;
+        step(py, || TriMesh::new("kernel", vertices, &faces))
     }
 
     fn finite(point: [f64; 3], what: &str) -> Result<DVec3> {
@@ -66,8 +69,8 @@ pub(super) mod kernels {
         vertices: PyReadonlyArray2<'py, f64>,
         faces: PyReadonlyArray2<'py, i64>,
     ) -> PyResult<(Ints2<'py>, Ints1<'py>)> {
-        let mesh = mesh(&vertices, &faces)?;
-        let (edges, counts) = py.detach(|| {
+        let mesh = mesh(py, &vertices, &faces)?;
+        let (edges, counts) = step(py, || {
             let adjacency = mesh.adjacency();
             let edges: Vec<i32> = adjacency
                 .edges()
@@ -78,8 +81,8 @@ pub(super) mod kernels {
             let counts = (0..adjacency.edges().len())
                 .map(|e| adjacency.incident(e).len() as i32)
                 .collect();
-            (edges, counts)
-        });
+            Ok((edges, counts))
+        })?;
         Ok((arrays::rows(py, edges, 2)?, PyArray1::from_vec(py, counts)))
     }
 
@@ -95,7 +98,7 @@ pub(super) mod kernels {
         let points = arrays::points(&points, what)?;
         let offsets = offsets.as_array().to_vec();
         let radii = arrays::values(&radii);
-        let (vertices, faces) = py.detach(|| -> Result<_> {
+        let (vertices, faces) = step(py, || {
             let tubes = Curves::new(what, &points, &offsets, &radii, sides)?.tubes()?;
             let vertices = tubes.vertices.iter().flat_map(|v| v.to_array()).collect();
             Ok((vertices, tubes.faces.concat()))
@@ -110,15 +113,15 @@ pub(super) mod kernels {
         faces: PyReadonlyArray2<'py, i64>,
         viewpoint: [f64; 3],
     ) -> PyResult<(Ints2<'py>, Ints1<'py>)> {
-        let mesh = mesh(&vertices, &faces)?;
+        let mesh = mesh(py, &vertices, &faces)?;
         let viewpoint = finite(viewpoint, "viewpoint")?;
-        let (edges, windings) = py.detach(|| {
+        let (edges, windings) = step(py, || {
             let found = silhouettes(&mesh, viewpoint);
             let edges = found.iter().flat_map(|s| ends(&mesh, s));
             let edges: Vec<i32> = edges.map(|v| v as i32).collect();
             let windings = found.iter().map(SilhouetteEdge::winding).collect();
-            (edges, windings)
-        });
+            Ok((edges, windings))
+        })?;
         Ok((
             arrays::rows(py, edges, 2)?,
             PyArray1::from_vec(py, windings),
@@ -132,15 +135,15 @@ pub(super) mod kernels {
         faces: PyReadonlyArray2<'py, i64>,
         viewpoint: [f64; 3],
     ) -> PyResult<Vec<Ints1<'py>>> {
-        let mesh = mesh(&vertices, &faces)?;
+        let mesh = mesh(py, &vertices, &faces)?;
         let viewpoint = finite(viewpoint, "viewpoint")?;
-        let found = py.detach(|| {
+        let found = step(py, || {
             let edges: Vec<_> = silhouettes(&mesh, viewpoint)
                 .iter()
                 .map(|s| (ends(&mesh, s), [s.front, s.back]))
                 .collect();
-            loops(&edges, |v| mesh.vertices()[v as usize], viewpoint)
-        });
+            Ok(loops(&edges, |v| mesh.vertices()[v as usize], viewpoint))
+        })?;
         let array =
             |vertices: Vec<u32>| PyArray1::from_iter(py, vertices.into_iter().map(|v| v as i32));
         Ok(found.into_iter().map(|l| array(l.vertices)).collect())
@@ -223,8 +226,12 @@ pub(super) mod kernels {
             );
             return Err(Error::parameter("targets", reason).into());
         }
-        crate::mesh::check_finite("origins", "point", &origins)?;
-        crate::mesh::check_finite("targets", "point", &targets)?;
+        step(py, || {
+            crate::mesh::check_finite("origins", "point", &origins)
+        })?;
+        step(py, || {
+            crate::mesh::check_finite("targets", "point", &targets)
+        })?;
         let scene = scene.shared();
         let out = run(py, progress.as_ref(), move |control| {
             let geometry = scene.geometry()?;
@@ -265,7 +272,7 @@ pub(super) mod kernels {
         f: impl Fn(DVec3, DVec3) -> f64 + Sync,
     ) -> PyResult<Doubles1<'py>> {
         let points = arrays::points(points, "points")?;
-        crate::mesh::check_finite("points", "point", &points)?;
+        step(py, || crate::mesh::check_finite("points", "point", &points))?;
         let normals = match normals {
             None => vec![DVec3::ZERO; points.len()],
             Some(n) => arrays::points(n, "normals")?,
@@ -278,11 +285,15 @@ pub(super) mod kernels {
             );
             return Err(Error::parameter("normals", reason).into());
         }
-        crate::mesh::check_finite("normals", "normal", &normals)?;
-        let out: Vec<f64> = py.detach(|| {
+        step(py, || {
+            crate::mesh::check_finite("normals", "normal", &normals)
+        })?;
+        let out: Vec<f64> = step(py, || {
             let pairs = points.par_iter().zip(&normals);
-            pairs.map(|(&p, n)| f(p, n.normalize_or_zero())).collect()
-        });
+            Ok(pairs
+                .map(|(&p, n)| f(p, unit(*n).unwrap_or_default()))
+                .collect())
+        })?;
         Ok(PyArray1::from_vec(py, out))
     }
 

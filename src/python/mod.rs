@@ -2,6 +2,7 @@
 //!
 //! - this file: the module, the exceptions, and [`run`], which releases the interpreter lock, answers
 //!   Ctrl-C and reports progress;
+//! - [`pool`]: the threads that kernels run on, also in a process that was forked;
 //! - [`arrays`]: NumPy arrays to vectors of points and back;
 //! - [`filtered`]: the parameters of the rivals of ray-traced layered maps;
 //! - [`layered`]: ray-traced layered maps;
@@ -20,6 +21,7 @@ mod filtered;
 mod kernels;
 mod layered;
 mod objects;
+mod pool;
 mod render;
 mod single_sample;
 mod ssoc;
@@ -27,7 +29,7 @@ mod wedges;
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError, mpsc};
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 use pyo3::create_exception;
@@ -101,20 +103,6 @@ impl From<Error> for PyErr {
     }
 }
 
-/// Held by the kernel whose thread is rayon's own.
-static IN_POOL: Mutex<()> = Mutex::new(());
-
-/// Runs a kernel within rayon's pool, where its parallel steps start without being handed over. One at a time: a
-/// thread of the pool that waits for a step may take up another kernel as a whole, and that one wait for what the
-/// first has begun. Others run on a thread of their own.
-fn in_pool<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    let held = IN_POOL.try_lock();
-    match held {
-        Err(TryLockError::WouldBlock) => work(),
-        _ => rayon::scope(|_| work()),
-    }
-}
-
 /// Runs a kernel on another thread without the interpreter lock.
 ///
 /// Meanwhile this thread looks for signals and tells `progress` the finished fraction; an interrupt, or
@@ -126,14 +114,15 @@ fn run<T: Send + 'static>(
     progress: Option<&Py<PyAny>>,
     work: impl FnOnce(&Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
-    ready()?;
+    // What has to be there before anything that takes memory.
+    allocator::take_reserve();
     let control = Arc::new(Control::default());
     let (finished, mut wait) = mpsc::channel();
     let shared = control.clone();
     std::thread::Builder::new()
         .name("softshadow".into())
         .spawn(move || {
-            let result = catch_unwind(AssertUnwindSafe(|| in_pool(|| work(&shared))));
+            let result = catch_unwind(AssertUnwindSafe(|| pool::run(|| work(&shared))));
             // Nobody listens any more when the caller was interrupted.
             let _ = finished.send(result);
         })
@@ -162,28 +151,6 @@ fn run<T: Send + 'static>(
     }
 }
 
-/// What has to be there before anything that takes memory or threads.
-fn ready() -> Result<()> {
-    allocator::take_reserve();
-    start_threads()
-}
-
-/// Starts rayon's threads, and before that as many for a moment: the pool that cannot be started once can never be.
-fn start_threads() -> Result<()> {
-    static STARTED: Mutex<bool> = Mutex::new(false);
-    let mut started = STARTED.lock().unwrap_or_else(PoisonError::into_inner);
-    if *started {
-        return Ok(());
-    }
-    rayon::ThreadPoolBuilder::new()
-        .build()
-        .map_err(|e| Error::Exhausted(format!("threads cannot be started ({e})")))?;
-    // Somebody else in this process may have started it.
-    let _ = rayon::ThreadPoolBuilder::new().build_global();
-    *started = true;
-    Ok(())
-}
-
 /// Keeps panics for the want of memory from being told on standard error: telling takes memory, and whoever runs out of
 /// it while the stack is being told waits for ever.
 fn quiet_when_exhausted() {
@@ -197,6 +164,19 @@ fn quiet_when_exhausted() {
 
 fn no_threads(error: std::io::Error) -> PyErr {
     Error::Exhausted(format!("a thread cannot be started ({error})")).into()
+}
+
+/// Runs a short step of a call, one that uses several threads, without the interpreter lock.
+fn step<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
+    allocator::take_reserve();
+    let caught = || catch_unwind(AssertUnwindSafe(|| pool::run(work)));
+    match py.detach(caught) {
+        Ok(result) => Ok(result?),
+        Err(_) if memory::exhausted() => {
+            Err(Error::Exhausted("a step needed more than was left".into()).into())
+        }
+        Err(panic) => Err(internal_error(panic.as_ref())),
+    }
 }
 
 /// What a panic becomes: it is a defect here, never the caller's.
@@ -221,6 +201,9 @@ mod _core {
     use super::render::{PyPrepared, prepare};
     #[pymodule_export]
     use super::{ParameterError, SceneError, UnsupportedError};
+
+    #[pymodule_export]
+    use super::pool::{set_threads, thread_count};
 
     #[pymodule_export]
     use super::kernels::kernels;

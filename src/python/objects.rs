@@ -6,8 +6,9 @@ use glam::{DAffine3, DMat3, DVec3};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays;
 use super::filtered::{DeepParameters, MvsmParameters, PcfParameters};
+use super::pool::{self, Origin};
+use super::{arrays, step};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
@@ -29,32 +30,37 @@ use crate::scene::{Material, Scene};
 
 /// A scene behind a lock, so that Python threads can share it.
 #[pyclass(name = "Scene", module = "softshadow._core", frozen)]
-#[derive(Default)]
-pub(super) struct PyScene(Arc<Mutex<Scene>>);
+pub(super) struct PyScene(SharedScene);
 
 impl PyScene {
     /// A handle on the scene, for kernels that outlive the call.
     pub(super) fn shared(&self) -> SharedScene {
-        SharedScene(self.0.clone())
+        self.0.clone()
     }
 
-    /// Does something with the scene.
-    fn with<T>(&self, f: impl FnOnce(&mut Scene) -> T) -> T {
-        // A lock poisoned by a panic is taken over: every change to a scene is made at its end.
-        f(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    /// Does something short with the scene.
+    fn with<T>(&self, f: impl FnOnce(&mut Scene) -> Result<T>) -> Result<T> {
+        self.0.with(f)
     }
 }
 
-/// A scene that Python and kernels share.
-pub(super) struct SharedScene(Arc<Mutex<Scene>>);
+/// A scene that Python and kernels share, and where it was made.
+#[derive(Clone)]
+pub(super) struct SharedScene(Arc<Mutex<Scene>>, Origin);
 
 impl SharedScene {
+    fn with<T>(&self, f: impl FnOnce(&mut Scene) -> Result<T>) -> Result<T> {
+        // Its lock, and what is built inside, may be held by a thread that is not in this process.
+        if self.1.is_torn() {
+            return Err(pool::torn("scene"));
+        }
+        // A lock poisoned by a panic is taken over: every change to a scene is made at its end.
+        f(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     /// The snapshot of the scene as it is now.
     pub(super) fn geometry(&self) -> Result<Arc<Geometry>> {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .geometry()
+        self.with(Scene::geometry)
     }
 }
 
@@ -62,7 +68,7 @@ impl SharedScene {
 impl PyScene {
     #[new]
     fn new() -> Self {
-        Self::default()
+        PyScene(SharedScene(Arc::default(), Origin::here()))
     }
 
     #[pyo3(signature = (name, vertices, faces, albedo, opacity, casts, receives))]
@@ -77,7 +83,7 @@ impl PyScene {
         opacity: f32,
         casts: bool,
         receives: bool,
-    ) -> Result<()> {
+    ) -> PyResult<()> {
         let what = format!("mesh {name:?}");
         let vertices = arrays::points(&vertices, &what)?;
         let faces = arrays::faces(&faces, &what)?;
@@ -87,13 +93,16 @@ impl PyScene {
             casts,
             receives,
         };
-        py.detach(|| self.with(|scene| scene.add_mesh(name, vertices, &faces, material)))
+        step(py, || {
+            self.with(|scene| scene.add_mesh(name, vertices, &faces, material))
+        })
     }
 
     #[pyo3(signature = (name, centers, radii, albedo, opacity, casts, receives))]
     #[allow(clippy::too_many_arguments, reason = "mirrors the Python signature")]
     fn add_spheres(
         &self,
+        py: Python<'_>,
         name: &str,
         centers: PyReadonlyArray2<'_, f64>,
         radii: PyReadonlyArray1<'_, f64>,
@@ -101,7 +110,7 @@ impl PyScene {
         opacity: f32,
         casts: bool,
         receives: bool,
-    ) -> Result<()> {
+    ) -> PyResult<()> {
         let centers = arrays::points(&centers, &format!("spheres {name:?}"))?;
         let material = Material {
             albedo,
@@ -109,7 +118,45 @@ impl PyScene {
             casts,
             receives,
         };
-        self.with(|scene| scene.add_spheres(name, &centers, &arrays::values(&radii), material))
+        let radii = arrays::values(&radii);
+        step(py, || {
+            self.with(|scene| scene.add_spheres(name, &centers, &radii, material))
+        })
+    }
+
+    fn set_spheres(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        centers: PyReadonlyArray2<'_, f64>,
+        radii: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<()> {
+        let centers = arrays::points(&centers, &format!("spheres {name:?}"))?;
+        let radii = arrays::values(&radii);
+        step(py, || {
+            self.with(|scene| scene.set_spheres(name, &centers, &radii))
+        })
+    }
+
+    fn set_look(
+        &self,
+        name: &str,
+        albedo: [f32; 3],
+        opacity: f32,
+        casts: bool,
+        receives: bool,
+    ) -> Result<()> {
+        let material = Material {
+            albedo,
+            opacity,
+            casts,
+            receives,
+        };
+        self.with(|scene| scene.set_material(name, material))
+    }
+
+    fn remove(&self, name: &str) -> Result<()> {
+        self.with(|scene| scene.remove(name))
     }
 
     fn set_transform(&self, name: &str, matrix: PyReadonlyArray2<'_, f64>) -> Result<()> {
@@ -129,9 +176,9 @@ impl PyScene {
         py: Python<'_>,
         name: &str,
         vertices: PyReadonlyArray2<'_, f64>,
-    ) -> Result<()> {
+    ) -> PyResult<()> {
         let vertices = arrays::points(&vertices, &format!("mesh {name:?}"))?;
-        py.detach(|| self.with(|scene| scene.set_vertices(name, vertices)))
+        step(py, || self.with(|scene| scene.set_vertices(name, vertices)))
     }
 }
 

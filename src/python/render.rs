@@ -11,6 +11,7 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 
 use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
+use super::pool::{self, Origin};
 use super::{arrays, run};
 use crate::camera::Camera;
 use crate::control::Control;
@@ -33,6 +34,17 @@ struct Ready {
     lights: Vec<Light>,
     method: Box<dyn Prepared>,
     seconds: Vec<(&'static str, f64)>,
+    origin: Origin,
+}
+
+impl Ready {
+    /// Nothing of it may be half built by a thread that is not in this process.
+    fn check_origin(&self) -> Result<()> {
+        if self.origin.is_torn() {
+            return Err(pool::torn("Prepared"));
+        }
+        Ok(())
+    }
 }
 
 /// Prepares a method for a scene and its lights.
@@ -66,6 +78,7 @@ pub(super) fn prepare(
             lights,
             method: prepared,
             seconds,
+            origin: Origin::here(),
         })))
     })
 }
@@ -81,6 +94,33 @@ struct Frame {
     mesh_id: Vec<i32>,
     triangle_id: Vec<i32>,
     seconds: Vec<(&'static str, f64)>,
+}
+
+/// Why a visibility may not be a number.
+const TOO_FAR: &str = "it is too far away or too large for single precision";
+
+impl Frame {
+    /// Nothing that is not a number leaves: sums and products of what users give may overflow.
+    fn check_finite(&self, width: usize) -> Result<()> {
+        let wrong = |values: &[f32]| values.par_iter().position_first(|v| !v.is_finite());
+        if let Some(i) = wrong(&self.visibility) {
+            let pixels = self.mask.len();
+            let (light, pixel) = (i / pixels, i % pixels);
+            let at = (pixel % width, pixel / width);
+            let reason = format!("at pixel {at:?} light {light} has none; {TOO_FAR}");
+            return Err(Error::parameter("visibility", reason));
+        }
+        if let Some(i) = wrong(&self.radiance) {
+            let at = (i / 3 % width, i / 3 / width);
+            let reason = format!(
+                "at pixel {at:?} albedo times light overflows single precision, {:.3e}; lower the \
+                 lights' radiance or the albedo",
+                f32::MAX
+            );
+            return Err(Error::parameter("radiance", reason));
+        }
+        Ok(())
+    }
 }
 
 #[pymethods]
@@ -99,6 +139,7 @@ impl PyPrepared {
     ) -> PyResult<Bound<'py, PyDict>> {
         let world = camera.0;
         let ready = self.0.clone();
+        ready.check_origin()?;
         let frame = run(py, progress.as_ref(), move |control| {
             ready.frame(&world, control)
         })?;
@@ -162,6 +203,7 @@ impl PyPrepared {
         }
         let n = points.len();
         let ready = self.0.clone();
+        ready.check_origin()?;
         let flat = run(py, progress.as_ref(), move |control| {
             let receivers =
                 Receivers::from_points(&ready.geometry.frame, &points, normals.as_deref())?;
@@ -170,6 +212,10 @@ impl PyPrepared {
             for (light, out) in out.chunks_mut(n.max(1)).enumerate() {
                 let shading = ready.method.shade(&receivers, light, control)?;
                 scatter(&receivers, &shading.visibility, out);
+                if let Some(i) = out.iter().position(|v| !v.is_finite()) {
+                    let reason = format!("at point {i} light {light} has none; {TOO_FAR}");
+                    return Err(Error::parameter("visibility", reason));
+                }
             }
             Ok(out)
         })?;
@@ -222,6 +268,7 @@ impl Ready {
             shadings.push(shading);
         }
         let mut frame = self.pixel_arrays(&camera, &surface, &receivers, &shadings);
+        frame.check_finite(camera.width as usize)?;
         frame.seconds = vec![
             ("frame", start.elapsed().as_secs_f64()),
             ("receivers", receivers_seconds),

@@ -1,0 +1,178 @@
+"""Model files: read as they are, and refused where a reader would repair or drop something.
+
+`trimesh` reads them. Left to itself it drops vertices that are not finite with their faces, takes
+index 0 of an OBJ for the last vertex, and says nothing of a text file that ends too early.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import re
+import tarfile
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import trimesh
+
+__all__ = ["MAX_BYTES", "MAX_CORNERS", "read"]
+
+MAX_BYTES = 2**29
+"""Bytes of a file, or of what an archive holds, that are read unless the caller allows more."""
+
+MAX_CORNERS = 4096
+"""Corners of a face that are taken unless the caller allows more."""
+
+_ARCHIVES = (".zip", ".gz", ".tgz", ".bz2")
+
+
+def read(
+    file: Path, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS
+) -> trimesh.Trimesh | trimesh.Scene:
+    """Return what a file holds, with nothing repaired or left out.
+
+    Raises
+    ------
+    ValueError
+        If it is too large, ends too early, has faces that are none, or cannot be read.
+    """
+    if not file.is_file():
+        raise ValueError(f"{file}: no such file")
+    try:
+        size = _contents(file, max_bytes)
+    except (OSError, EOFError, zipfile.BadZipFile, tarfile.TarError) as error:
+        raise ValueError(f"{file}: cannot be read as an archive ({error})") from error
+    if size > max_bytes:
+        raise ValueError(
+            f"{file}: it holds more than max_bytes={max_bytes} bytes; pass a larger max_bytes to "
+            "read it"
+        )
+    kind = file.suffix.lower()
+    source: Path | IO[bytes] = file
+    if kind in (".obj", ".ply", ".off", ".stl"):
+        data = file.read_bytes()
+        try:
+            if kind == ".obj":
+                source = io.BytesIO(_checked_obj(data, max_corners))
+            else:
+                {".ply": _check_ply, ".off": _check_off, ".stl": _check_stl}[kind](data)
+        except _Broken as error:
+            raise ValueError(f"{file}: {error}") from None
+    try:
+        if isinstance(source, Path):
+            return trimesh.load(file, process=False)
+        # Materials, which matter to nobody here, stay unread.
+        return trimesh.load(source, file_type="obj", process=False, skip_materials=True)
+    except Exception as error:  # trimesh raises whatever its readers raise
+        raise ValueError(f"{file}: cannot be read as a mesh ({error})") from error
+
+
+class _Broken(Exception):
+    """What is wrong with a file."""
+
+
+def _contents(file: Path, most: int) -> int:
+    """Return the bytes that a file holds once it is unpacked, counted up to about `most`."""
+    kind = file.suffix.lower()
+    if kind not in _ARCHIVES:
+        return file.stat().st_size
+    if kind == ".zip":
+        with zipfile.ZipFile(file) as archive:
+            return sum(item.file_size for item in archive.infolist())
+    total = 0
+    with bz2.open(file) if kind == ".bz2" else gzip.open(file) as stream:
+        while total <= most and (part := stream.read(1 << 20)):
+            total += len(part)
+    return total
+
+
+def _checked_obj(data: bytes, max_corners: int) -> bytes:
+    """Return an OBJ file's text with indices from the end made indices from the start."""
+    lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").split(b"\n")
+    vertices, face, changed = 0, 0, False
+    for number, line in enumerate(lines):
+        if line[:2] in (b"v ", b"v\t"):
+            vertices += 1
+            continue
+        if line[:1] != b"f" or line[1:2] not in (b" ", b"\t"):
+            continue
+        corners = line.partition(b"#")[0].split()[1:]
+        where = f"face {face} (line {number + 1})"
+        face += 1
+        if not 3 <= len(corners) <= max_corners:
+            raise _Broken(
+                f"{where} has {len(corners)} corners, allowed are 3 to max_corners={max_corners}"
+            )
+        if any(c[:1] == b"0" and not int(c.partition(b"/")[0] or b"0") for c in corners):
+            raise _Broken(f"{where} refers to vertex 0, where the first is 1")
+        if b"-" in line:
+            lines[number] = b"f " + b" ".join(_from_start(c, vertices, where) for c in corners)
+            changed = True
+    return b"\n".join(lines) if changed else data
+
+
+def _from_start(corner: bytes, vertices: int, where: str) -> bytes:
+    """Return the vertex of a corner, counted from the start; texture and normal do not matter."""
+    try:
+        index = int(corner.partition(b"/")[0])
+    except ValueError:
+        raise _Broken(f"{where} has a corner that is no integer: {corner!r}") from None
+    if index < 0:
+        index += vertices + 1
+        if index < 1:
+            raise _Broken(
+                f"{where} refers to vertex {corner.decode()}, where {vertices} are before it"
+            )
+    return str(index).encode()
+
+
+def _lines(text: bytes) -> list[bytes]:
+    return [line for line in (x.partition(b"#")[0].strip() for x in text.split(b"\n")) if line]
+
+
+def _check_ply(data: bytes) -> None:
+    end = re.search(rb"end_header\r?\n", data)
+    if end is None:
+        return  # the reader says what it is
+    header = data[: end.start()]
+    if b"format ascii" not in header:
+        return  # of binary data the reader knows the length
+    elements = re.findall(rb"element\s+(\w+)\s+(\d+)", header)
+    wanted = sum(int(count) for _, count in elements)
+    rows = [x for x in data[end.end() :].split(b"\n") if x.strip()]
+    if len(rows) < wanted:
+        raise _Broken(f"it ends too early: {wanted} rows are announced, {len(rows)} are there")
+    if elements and elements[-1][0] == b"face" and wanted:
+        _check_face(rows[wanted - 1].split(), "the last face")
+
+
+def _check_off(data: bytes) -> None:
+    rows = _lines(data)
+    if not rows or not rows[0].upper().endswith(b"OFF"):
+        return
+    counts = [int(x) for x in rows[1].split()[:2]] if len(rows) > 1 else []
+    if len(counts) < 2:
+        raise _Broken("it ends before the numbers of vertices and faces")
+    wanted = 2 + sum(counts)
+    if len(rows) < wanted:
+        raise _Broken(f"it ends too early: {wanted} rows are announced, {len(rows)} are there")
+    if counts[1]:
+        _check_face(rows[wanted - 1].split(), "the last face")
+
+
+def _check_face(row: list[bytes], what: str) -> None:
+    if not row[0].isdigit() or len(row) < 1 + int(row[0]):
+        raise _Broken(f"it ends too early: {what} has fewer corners than it announces")
+
+
+def _check_stl(data: bytes) -> None:
+    if data.lstrip()[:5].lower() != b"solid" or b"\0" in data[:512]:
+        return  # of binary data the reader knows the length
+    text = data.lower()
+    if len(re.findall(rb"^\s*endsolid", text, re.M)) < len(re.findall(rb"^\s*solid", text, re.M)):
+        raise _Broken("it ends too early: a solid has no end")
+    facets, vertices = text.count(b"endfacet"), len(re.findall(rb"^\s*vertex", text, re.M))
+    if vertices != 3 * facets:
+        raise _Broken(f"it has {facets} facets and {vertices} vertices, where each has three")

@@ -1,0 +1,96 @@
+"""The README's code runs as it stands there, on the bunny that the package's scenes use."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import softshadow as ss
+from softshadow.models import stanford_bunny_path
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def _blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.M | re.S)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    if stanford_bunny_path() is None:
+        pytest.skip("the bunny's package is not installed")
+    return tmp_path_factory.mktemp("readme")
+
+
+@pytest.fixture(scope="module")
+def shell(folder):
+    """What the shell's lines write; `make` is what runs this."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    lines = [line for block in _blocks("sh") for line in block.splitlines()]
+    lines = [line for line in lines if not line.startswith("make ")]
+    assert len(lines) == 3
+    out = []
+    for line in lines:
+        done = subprocess.run(
+            line, shell=True, cwd=folder, env={**os.environ, "PATH": path},
+            capture_output=True, text=True, timeout=300,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        out.append(done.stdout)
+    return out
+
+
+def _has_light_and_shadow(visibility):
+    assert (visibility < 0.02).mean() > 0.01  # umbra
+    assert (visibility > 0.98).mean() > 0.3  # lit
+    assert ((visibility > 0.05) & (visibility < 0.95)).mean() > 0.005  # and what is between
+
+
+def test_the_command_line(shell, folder):
+    picture = imageio.imread(folder / "bunny.png") / 255
+    _has_light_and_shadow(picture)
+    assert all(name in shell[-1] for name in ss.method_names())
+
+
+def test_the_python(shell, folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    (folder / "bunny.png").unlink()
+    blocks = _blocks("python")
+    assert len(blocks) == 1
+    names: dict[str, object] = {}
+    exec(compile(blocks[0], "README.md", "exec"), names)
+    image = names["image"]
+    assert isinstance(image, ss.Image)
+    bunny, ground = (image.mesh_id == i for i in (0, 1))
+    assert bunny.mean() > 0.05
+    assert ground.mean() > 0.3
+    _has_light_and_shadow(image.visibility)
+    # The bunny's shadow lies on the ground, in the picture.
+    assert (image.visibility[ground] < 0.02).mean() > 0.01
+    assert np.percentile(image.radiance[image.mask], 90) > 0.1
+    assert float(capsys.readouterr().out.split()[0]) == pytest.approx(image.visibility.mean())
+    assert imageio.imread(folder / "bunny.png").max() > 200
+
+
+def test_every_method_has_a_page_and_a_row():
+    for name in ss.method_names():
+        page = (ROOT / "docs" / "methods" / f"{name}.md").read_text()
+        assert f"`{name}`" in page.splitlines()[0]
+        method = ss.prepare(ss.scenes.half_plane(8, 8).scene, ss.SphereLight((0, 0, 2), 0.1), name)
+        for parameter in method.method.parameters():
+            assert f"`{parameter}`" in page, (name, parameter)
+        assert re.search(rf"^\| `{name}` \| `{type(method.method).__name__}` ", README, re.M)
+
+
+def test_links_lead_somewhere():
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), ROOT / "benches" / "README.md"]
+    for page in pages:
+        for link in re.findall(r"\]\(([^)#:\s]+)\)", page.read_text()):
+            assert (page.parent / link).exists(), (page, link)
