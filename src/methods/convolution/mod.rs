@@ -44,7 +44,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use kernel::Spread;
-use layers::{HardShadow, Window};
+use layers::{HardShadow, Range, Window};
 
 /// Most texels along a side of the window around a receiver.
 pub const MOST_WINDOW: u32 = 2048;
@@ -130,10 +130,14 @@ impl Painter for Convolution {
             let highest = Pyramid::new(light, &side).highest(&occluders, &side);
             let full = side.normal.dot(eye - side.bounds.corner);
             // None, where what was found is beside the pyramid after all.
-            let ranges = octaves(highest, full, &spread);
-            for scales in ranges.into_iter().filter(|_| highest > 0.0) {
-                let window = window(scales[1], &spread, texture.size);
-                let shadow = HardShadow::new(&occluders, &side, eye, &window, scales, control)?;
+            let largest = largest_scale(highest, full);
+            for range in octaves(largest, &spread)
+                .into_iter()
+                .filter(|_| highest > 0.0)
+            {
+                let window = window(range.most(largest), &spread, texture.size);
+                let shadow =
+                    HardShadow::new(&occluders, &side, eye, &window, range, largest, control)?;
                 let layers = shadow.layers(self.error, &spread, &window);
                 hidden.push(layers::hidden(
                     &layers,
@@ -215,30 +219,35 @@ fn eye(light: &Light, side: &Side) -> Option<DVec3> {
     (high > 0.0).then(|| center + (highest - center) * ((0.5 * high - low) / (high - low)))
 }
 
-/// Ranges of scales that are drawn in windows of their own, for occluders that are at most so high under an eye
-/// of height `full`: up to the one whose penumbrae reach half of the receiver's size around it, and then
-/// [`OCTAVE`] times as far. So that what touches a small receiver is drawn as fine as it is.
-fn octaves(highest: f64, full: f64, spread: &Spread) -> Vec<[f64; 2]> {
-    let largest = if highest < full {
+/// The largest scale of occluders that are at most so high under an eye of height `full`.
+fn largest_scale(highest: f64, full: f64) -> f64 {
+    if highest < full {
         (highest / (full - highest)).min(MOST_SCALE)
     } else {
         MOST_SCALE
-    };
+    }
+}
+
+/// Ranges of scales that are drawn in windows of their own: up to the one whose penumbrae reach half of the
+/// receiver's size around it, and then [`OCTAVE`] times as far. So that what touches a small receiver is drawn
+/// as fine as it is.
+fn octaves(largest: f64, spread: &Spread) -> Vec<Range> {
     let half = spread.half().max_element();
     let mut out = Vec::new();
-    let (mut low, mut high) = (
-        -1.0,
+    let (mut low, mut bound) = (
+        None,
         if half > 0.0 {
             0.5 / half
         } else {
             f64::INFINITY
         },
     );
-    while high < largest {
-        out.push([low, high]);
-        (low, high) = (high, OCTAVE * high);
+    while bound < largest {
+        let high = Some(bound);
+        out.push(Range { low, high });
+        (low, bound) = (high, OCTAVE * bound);
     }
-    out.push([low, largest]);
+    out.push(Range { low, high: None });
     out
 }
 
