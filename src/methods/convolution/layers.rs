@@ -160,9 +160,8 @@ impl HardShadow {
             range: vec![[f64::INFINITY, 0.0]; (tile.width * tile.height) as usize],
         };
         // Its steps are no steps of the method's.
-        let quiet = Control::default();
-        control.check()?;
-        let tiles = rasterize_projected(&points, &faces, |_| true, &view, &quiet, make)?;
+        let silent = control.silent();
+        let tiles = rasterize_projected(&points, &faces, |_| true, &view, &silent, make)?;
         for (tile, depths) in tiles {
             for (i, [near, far]) in depths.range.iter().enumerate() {
                 if far < near {

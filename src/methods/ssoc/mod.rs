@@ -199,7 +199,7 @@ impl Ssoc {
         let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let start = Instant::now();
-        casters.connect(false);
+        casters.connect(false, control)?;
         let adjacency = start.elapsed().as_secs_f64();
         let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
         let mut reference_image = 0.0;
