@@ -62,6 +62,10 @@ const SMALL_WINDOW: u32 = 64;
 /// How much wider than the texture its window may be, at the texture's resolution.
 const WIDER: u32 = 4;
 
+/// Texels of a window that the narrowest penumbra in it needs: beside what the parts' scales are off by, the error
+/// of so many does not show.
+const PENUMBRA: f64 = 64.0;
+
 /// How much farther than the last one's the penumbrae of the next window reach.
 const OCTAVE: f64 = 4.0;
 
@@ -135,7 +139,7 @@ impl Painter for Convolution {
                 .into_iter()
                 .filter(|_| highest > 0.0)
             {
-                let window = window(range.most(largest), &spread, texture.size);
+                let window = window(&range, largest, &spread, texture.size);
                 let shadow =
                     HardShadow::new(&occluders, &side, eye, &window, range, largest, control)?;
                 let layers = shadow.layers(self.error, &spread, &window);
@@ -251,13 +255,18 @@ fn octaves(largest: f64, spread: &Spread) -> Vec<Range> {
     out
 }
 
-/// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders of at most this
-/// scale.
-fn window(scale: f64, spread: &Spread, size: [u32; 2]) -> Window {
+/// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders with scales in a
+/// range. Its texels are as fine as the texture's, or as the narrowest of the penumbrae needs.
+fn window(range: &Range, largest: f64, spread: &Spread, size: [u32; 2]) -> Window {
+    let scale = range.most(largest);
     // A texel more for rounding.
     let texel = DVec2::new(1.0 / f64::from(size[0]), 1.0 / f64::from(size[1]));
     let margin = spread.half() * scale + texel;
-    let wanted = [0, 1].map(|k| f64::from(size[k]) * (1.0 + 2.0 * margin[k]));
+    let wanted = [0, 1].map(|k| {
+        let narrowest = 2.0 * spread.half()[k] * range.low.unwrap_or(0.0);
+        let texels = f64::from(size[k]).min(PENUMBRA / narrowest);
+        texels * (1.0 + 2.0 * margin[k])
+    });
     // A receiver of few texels is drawn finer than them, or what touches it would darken all of it.
     let [width, height] = [0, 1].map(|k| {
         let most = (WIDER * size[k]).clamp(SMALL_WINDOW, MOST_WINDOW);
