@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 import softshadow as ss
 from shapes import bumpy, quad
@@ -14,8 +14,9 @@ from shapes import bumpy, quad
 TASKS = Path("/proc/self/task")
 pytestmark = pytest.mark.skipif(not TASKS.exists(), reason="needs the threads' names of Linux")
 
-# Seconds of all threads' processor time after the interrupt, which other processes do not add to: what the design allows
-# the answer, on two cores, and what freeing the maps' memory takes. Before, up to 9.9 s at twice the resolution.
+# Seconds of all threads' processor time after the interrupt, which other processes do not add to:
+# what the design allows the answer, on two cores, and what freeing the maps' memory takes. Before, up
+# to 9.9 s at a resolution of 4096.
 MOST = 0.2 * (os.cpu_count() or 1) + 0.2
 
 
@@ -43,10 +44,8 @@ def _after_interrupt(call, seconds: float) -> float:
         if time.process_time() - start > seconds:
             raise Stop
 
-    try:
+    with contextlib.suppress(Stop):
         call(interrupt)
-    except Stop:
-        pass
     before = time.process_time()
     deadline = time.monotonic() + 60
     while _working() and time.monotonic() < deadline:

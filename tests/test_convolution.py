@@ -263,7 +263,8 @@ def _under_a_board(boards, turn, max_size=64):
         scene.add((vertices @ turn.T, faces))
     light = ss.RectLight(turn @ (0, 0, 4), turn @ (0, 0.4, 0), turn @ (0.4, 0, 0))
     lowest = min(board[0][:, 2].min() for board in boards)
-    # Four pixels about the middle, from between the ground and the board; neighbours' texels are in the umbra, too.
+    # Four pixels about the middle, from between the ground and the board; the texels around them
+    # are in the umbra, too.
     camera = ss.Camera(
         turn @ (0, 0, 0.8 * lowest),
         turn @ (0, 0, 0),
@@ -273,7 +274,8 @@ def _under_a_board(boards, turn, max_size=64):
         height=2,
     )
     image = ss.render(scene, camera, light, ss.Convolution(max_size=max_size))
-    assert image.mask.all() and (image.mesh_id == 0).all()
+    assert image.mask.all()
+    assert (image.mesh_id == 0).all()
     return image.visibility
 
 
@@ -287,9 +289,10 @@ TURNS = {
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_flat_board_casts_an_umbra_at_every_height(turn):
-    """A parallel sheet lies exactly on every bound that its height goes into: 39 of 98 boards had no shadow.
+    """A parallel sheet lies exactly on every bound that its height goes into.
 
-    Below the middle all light is hidden by boards as large as the light's image and its margin of texels.
+    Of 98 boards 39 had no shadow. Below the middle, boards as large as the light's image and its
+    margin of texels hide all light.
     """
     for height in HEIGHTS:
         for size in (0.25, 0.5, 1, 1.5, 2, 3, 8):
@@ -299,7 +302,7 @@ def test_a_flat_board_casts_an_umbra_at_every_height(turn):
 
 
 def test_boards_on_the_bound_between_two_windows_are_drawn_once():
-    """The first window's scales end where the light's image is as wide as the receiver: at half of `0.5 / half`."""
+    """The first window's scales end where the light's image is as wide as the receiver."""
     # Light 0.4 on a ground of 4: half of it 0.05 edges, so a scale of 10, 10/11 of the height.
     for height in np.nextafter(40 / 11, [0, 40 / 11, 4]):
         for size in (0.25, 1, 3):

@@ -1,4 +1,4 @@
-"""Gaps between occluders, and lights that all but touch what casts, in the soft shadow occlusion camera."""
+"""Gaps, and lights that all but touch what casts, in the soft shadow occlusion camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIGHTS = {
 
 
 def _slit(gap, heights=(0.5, 0.5), turn=0.0):
-    """Two boards with a gap, of a wide scene's 2 units; a texel of a map of 1024 is about 0.002 at their height."""
+    """Two boards with a gap, where a texel of a map of 1024 is about 0.002."""
     scene = ss.Scene()
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
@@ -34,7 +34,7 @@ def _slit(gap, heights=(0.5, 0.5), turn=0.0):
 @pytest.mark.parametrize("kind", LIGHTS)
 @pytest.mark.parametrize("gap", [0.2, 0.1, 0.05, 0.03, 0.02, 0.01])
 def test_what_the_two_sides_of_a_slit_hide_adds_up(gap, kind, turn):
-    """Under a square light a slit at half height lets its width over 0.1 through: 0.5, 0.3, 0.1 for 0.05, 0.03, 0.01."""
+    """Under a square light a slit at half height lets its width over 0.1 through."""
     scene, points, normals = _slit(gap, turn=turn)
     found = ss.visibility(scene, points, normals, LIGHTS[kind], "ssoc")
     reference = ss.visibility(scene, points, normals, LIGHTS[kind], ss.RayTraced(4096, seed=3))
@@ -45,8 +45,10 @@ def test_what_the_two_sides_of_a_slit_hide_adds_up(gap, kind, turn):
 
 
 def test_a_square_hole_lets_through_what_one_of_its_two_slits_does():
-    """0.36 is right. Two edges that face each other find each other in turn, and end the search before the others: as
-    the page says, what a hole narrower than the light lets through is that of its nearest pair, 0.6."""
+    """0.36 is right; as the page says, it is 0.6, what the nearest pair of edges lets through.
+
+    Two edges that face each other find each other in turn, and end the search before the others.
+    """
     gap, scene = 0.06, ss.Scene()
     scene.add(quad((0, 0, 0), (2, 0, 0), (0, 2, 0)))
     for side in (-1, 1):
@@ -57,7 +59,7 @@ def test_a_square_hole_lets_through_what_one_of_its_two_slits_does():
 
 
 def test_a_slit_of_less_than_two_texels_is_as_wrong_as_the_page_says():
-    """The map's texels show it or do not: with one step there is one edge, and between texels none."""
+    """The map's texels show it or do not: one edge is found, or none."""
     scene, points, normals = _slit(0.0015)
     found = ss.visibility(scene, points, normals, LIGHTS["rect"], "ssoc")
     assert np.abs(found - 0.015).max() < 0.55
@@ -73,7 +75,7 @@ def test_a_step_alone_knows_one_side():
 
 @pytest.mark.parametrize("off", [1e-2, 1e-4, -1e-4, 1e-6, -1e-6])
 def test_a_light_that_all_but_touches_what_casts_takes_as_long_as_the_map_is_wide(off):
-    """Penumbrae of millions of texels: 7 s for a radius of 100 and maps of 16², 0.02 s for one of 1."""
+    """Penumbrae of millions of texels: it took 7 s for a radius of 100 and maps of 16²."""
     s = 0.5
     corners = np.array([(x, y, z) for x in (-s, s) for y in (-s, s) for z in (-s, s)])
     faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
