@@ -15,7 +15,7 @@ TASKS = Path("/proc/self/task")
 pytestmark = pytest.mark.skipif(not TASKS.exists(), reason="needs the threads' names of Linux")
 
 # Seconds of all threads' processor time after the interrupt, which other processes do not add to:
-# what the design allows the answer, on two cores, and what freeing the maps' memory takes. Before, up
+# what the design allows the answer, on two cores, and what freeing the maps takes. Before, up
 # to 9.9 s at a resolution of 4096.
 MOST = 0.2 * (os.cpu_count() or 1) + 0.2
 
