@@ -1,5 +1,6 @@
 //! Progress and cancellation, shared between a running kernel and whoever waits for it.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
@@ -13,10 +14,18 @@ use crate::memory;
 pub struct Control {
     done: AtomicUsize,
     total: AtomicUsize,
-    cancelled: AtomicBool,
+    cancelled: Arc<AtomicBool>,
 }
 
 impl Control {
+    /// One that is cancelled with this one, whose steps are none of this one's.
+    pub fn silent(&self) -> Self {
+        Control {
+            cancelled: self.cancelled.clone(),
+            ..Control::default()
+        }
+    }
+
     /// Announces `items` more work items.
     pub fn expect(&self, items: usize) {
         self.total.fetch_add(items, Ordering::Relaxed);

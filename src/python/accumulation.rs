@@ -68,8 +68,8 @@ pub(super) fn textures(
         "back" => Some(false),
         _ => Some(true),
     };
-    run(py, progress.as_ref(), move |_| {
-        let atlas = Atlas::new(scene.geometry()?, &lights, method.layout)?;
+    run(py, progress.as_ref(), move |control| {
+        let atlas = Atlas::new(scene.geometry()?, &lights, method.layout, control)?;
         let mut polygons = Vec::new();
         for (id, patch) in atlas.patches.list.iter().enumerate() {
             let entry = atlas.geometry.mesh_of(patch.faces[0]).entry;

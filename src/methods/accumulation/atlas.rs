@@ -86,8 +86,13 @@ impl Atlas {
     /// Finds the receiver polygons of a scene; `lights` in world coordinates.
     ///
     /// # Errors
-    /// Spheres that cast.
-    pub fn new(geometry: Arc<Geometry>, lights: &[Light], layout: Layout) -> Result<Self> {
+    /// Spheres that cast, or [`Error::Cancelled`].
+    pub fn new(
+        geometry: Arc<Geometry>,
+        lights: &[Light],
+        layout: Layout,
+        control: &Control,
+    ) -> Result<Self> {
         let casts = |s: &Sphere| geometry.material(s.entry).casts;
         if geometry.spheres.iter().any(casts) {
             let reason =
@@ -102,7 +107,8 @@ impl Atlas {
             None => extent(&geometry) / f64::from(layout.most_texels),
         };
         geometry.occluders();
-        let patches = Patches::new(&geometry);
+        let patches = Patches::new(&geometry, control)?;
+        control.check()?;
         let bodies = bodies(&geometry);
         let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         Ok(Atlas {

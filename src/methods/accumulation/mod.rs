@@ -183,7 +183,7 @@ impl Method for Accumulation {
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
-        let atlas = Atlas::new(geometry, lights, self.layout)?;
+        let atlas = Atlas::new(geometry, lights, self.layout, control)?;
         Ok(Box::new(Pictures::new(atlas, *self)))
     }
 }

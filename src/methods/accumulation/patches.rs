@@ -8,6 +8,8 @@
 
 use glam::{DVec2, DVec3};
 
+use crate::control::Control;
+use crate::error::Result;
 use crate::geometry::{Geometry, MeshRange};
 use crate::mesh::adjacency::Adjacency;
 use crate::sampling::POINT_OFFSET;
@@ -102,18 +104,22 @@ pub struct Patches {
 
 impl Patches {
     /// Finds the patches of all meshes.
-    pub fn new(geometry: &Geometry) -> Self {
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`].
+    pub fn new(geometry: &Geometry, control: &Control) -> Result<Self> {
         let mut patches = Patches {
             list: Vec::new(),
             of_face: vec![NONE; geometry.faces.len()],
         };
         for mesh in &geometry.meshes {
-            patches.add(geometry, mesh);
+            control.check()?;
+            patches.add(geometry, mesh, control)?;
         }
-        patches
+        Ok(patches)
     }
 
-    fn add(&mut self, geometry: &Geometry, mesh: &MeshRange) {
+    fn add(&mut self, geometry: &Geometry, mesh: &MeshRange, control: &Control) -> Result<()> {
         let adjacency = mesh.mesh.adjacency();
         let edges = edges_of_faces(adjacency, mesh.faces as usize);
         let corners = |f: u32| geometry.corners(mesh.first_face + f).map(|p| p.as_dvec3());
@@ -128,6 +134,7 @@ impl Patches {
         order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let mut stack = Vec::new();
         for &(_, seed) in &order {
+            control.check()?;
             if self.of_face[(mesh.first_face + seed) as usize] != NONE {
                 continue;
             }
@@ -163,6 +170,7 @@ impl Patches {
                 normal,
             });
         }
+        Ok(())
     }
 
     /// Bytes of the list.
@@ -311,7 +319,7 @@ mod tests {
         let mut scene = Scene::default();
         let vertices = vertices.iter().map(|&v| v.into()).collect();
         scene.add_mesh("mesh", vertices, faces, LOOKS).unwrap();
-        Patches::new(&scene.geometry().unwrap())
+        Patches::new(&scene.geometry().unwrap(), &Control::default()).unwrap()
     }
 
     #[test]

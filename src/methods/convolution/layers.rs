@@ -12,7 +12,6 @@
 use glam::DVec2;
 use rayon::prelude::*;
 
-use super::MOST_SCALE;
 use super::fourier::Transform;
 use super::kernel::Spread;
 use crate::control::Control;
@@ -77,9 +76,41 @@ impl Sink for Depths {
     }
 }
 
+/// How wide the zone is, in parts of the scale between two ranges, in which both draw a part of an occluder: far
+/// wider than rounding, far narrower than what shows.
+const SHARED: f64 = 1.0 / 1024.0;
+
+/// Scales of the occluders that one window draws.
+///
+/// Two windows find the scale of a point to within rounding only. A sheet that is parallel to the receiver has one
+/// scale, and may have the one between two ranges: with a bound that is compared strictly, both windows or none
+/// would draw it. So around the bound both draw a part of it, and the parts of all ranges sum to 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// None for the first.
+    pub low: Option<f64>,
+    /// None for the last, which draws what is left.
+    pub high: Option<f64>,
+}
+
+impl Range {
+    /// The part of an occluder of this scale that is drawn, 0 to 1.
+    fn share(&self, scale: f64) -> f64 {
+        let beyond = |bound: f64| ((scale / bound - 1.0) / SHARED + 0.5).clamp(0.0, 1.0);
+        self.low.map_or(1.0, beyond) - self.high.map_or(0.0, beyond)
+    }
+
+    /// No scale that is drawn is larger, if none at all is larger than `largest`.
+    pub fn most(&self, largest: f64) -> f64 {
+        let most = |high: f64| (high * (1.0 + 0.5 * SHARED)).min(largest);
+        self.high.map_or(largest, most)
+    }
+}
+
 /// The scale of every fine texel of a window, in rows; not a number where it is lit.
 pub struct HardShadow {
     scales: Vec<f32>,
+    range: Range,
     /// Fine texels along a side of a texel.
     fine: u32,
 }
@@ -94,7 +125,8 @@ pub struct Layer {
 const STEPS: usize = 512;
 
 impl HardShadow {
-    /// Draws what casts with a scale above the first and up to the second of two.
+    /// Draws what casts with a scale in a range; what has one above `largest`, which only rounding and what
+    /// casts on no part of the receiver has, counts as that.
     ///
     /// # Errors
     /// [`crate::error::Error::Cancelled`].
@@ -103,14 +135,19 @@ impl HardShadow {
         side: &Side,
         eye: glam::DVec3,
         window: &Window,
-        [above, most]: [f64; 2],
+        range: Range,
+        largest: f64,
         control: &Control,
     ) -> Result<Self> {
         let fine = window.fine;
         let [width, height] = window.size.map(|s| s * fine);
         let mut scales = vec![f32::NAN; width as usize * height as usize];
         let Some(view) = camera(eye, &window.on(&side.bounds), [width, height]) else {
-            return Ok(HardShadow { scales, fine });
+            return Ok(HardShadow {
+                scales,
+                range,
+                fine,
+            });
         };
         let points: Vec<_> = occluders.points.iter().map(|p| view.project(*p)).collect();
         let faces: Vec<[u32; 3]> = [&occluders.opaque, &occluders.closed]
@@ -123,9 +160,8 @@ impl HardShadow {
             range: vec![[f64::INFINITY, 0.0]; (tile.width * tile.height) as usize],
         };
         // Its steps are no steps of the method's.
-        let quiet = Control::default();
-        control.check()?;
-        let tiles = rasterize_projected(&points, &faces, |_| true, &view, &quiet, make)?;
+        let silent = control.silent();
+        let tiles = rasterize_projected(&points, &faces, |_| true, &view, &silent, make)?;
         for (tile, depths) in tiles {
             for (i, [near, far]) in depths.range.iter().enumerate() {
                 if far < near {
@@ -133,15 +169,18 @@ impl HardShadow {
                 }
                 let (x, y) = (i as u32 % tile.width, i as u32 / tile.width);
                 let at = ((tile.y + y) * width + tile.x + x) as usize;
-                // Beyond the last range there is nothing but rounding.
-                let scale = |inverse: f64| (inverse - 1.0).clamp(0.0, MOST_SCALE);
+                let scale = |inverse: f64| (inverse - 1.0).clamp(0.0, largest);
                 let mean = 0.5 * (scale(*near) + scale(*far));
-                if mean > above && mean <= most {
+                if range.share(mean) > 0.0 {
                     scales[at] = mean as f32;
                 }
             }
         }
-        Ok(HardShadow { scales, fine })
+        Ok(HardShadow {
+            scales,
+            range,
+            fine,
+        })
     }
 
     /// Splits the shadow until no part is off by more than `error`, or by what a texel can show.
@@ -205,6 +244,7 @@ impl HardShadow {
                         continue;
                     }
                     let texels = &mut layers[of_step[step_of(scale)]].texels;
+                    let part = part * self.range.share(f64::from(scale)) as f32;
                     match texels.last_mut() {
                         Some((last, sum)) if *last == texel => *sum += part,
                         _ => texels.push((texel, part)),

@@ -44,7 +44,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use kernel::Spread;
-use layers::{HardShadow, Window};
+use layers::{HardShadow, Range, Window};
 
 /// Most texels along a side of the window around a receiver.
 pub const MOST_WINDOW: u32 = 2048;
@@ -61,6 +61,10 @@ const SMALL_WINDOW: u32 = 64;
 
 /// How much wider than the texture its window may be, at the texture's resolution.
 const WIDER: u32 = 4;
+
+/// Texels of a window that the narrowest penumbra in it needs: beside what the parts' scales are off by, the error
+/// of so many does not show.
+const PENUMBRA: f64 = 64.0;
 
 /// How much farther than the last one's the penumbrae of the next window reach.
 const OCTAVE: f64 = 4.0;
@@ -106,7 +110,7 @@ impl Method for Convolution {
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
         Casters::new(self.name(), geometry.clone(), self.layout.opaque)?;
-        let atlas = Atlas::new(geometry, lights, self.layout)?;
+        let atlas = Atlas::new(geometry, lights, self.layout, control)?;
         Ok(Box::new(Pictures::new(atlas, *self)))
     }
 }
@@ -130,10 +134,14 @@ impl Painter for Convolution {
             let highest = Pyramid::new(light, &side).highest(&occluders, &side);
             let full = side.normal.dot(eye - side.bounds.corner);
             // None, where what was found is beside the pyramid after all.
-            let ranges = octaves(highest, full, &spread);
-            for scales in ranges.into_iter().filter(|_| highest > 0.0) {
-                let window = window(scales[1], &spread, texture.size);
-                let shadow = HardShadow::new(&occluders, &side, eye, &window, scales, control)?;
+            let largest = largest_scale(highest, full);
+            for range in octaves(largest, &spread)
+                .into_iter()
+                .filter(|_| highest > 0.0)
+            {
+                let window = window(&range, largest, &spread, texture.size);
+                let shadow =
+                    HardShadow::new(&occluders, &side, eye, &window, range, largest, control)?;
                 let layers = shadow.layers(self.error, &spread, &window);
                 hidden.push(layers::hidden(
                     &layers,
@@ -215,40 +223,50 @@ fn eye(light: &Light, side: &Side) -> Option<DVec3> {
     (high > 0.0).then(|| center + (highest - center) * ((0.5 * high - low) / (high - low)))
 }
 
-/// Ranges of scales that are drawn in windows of their own, for occluders that are at most so high under an eye
-/// of height `full`: up to the one whose penumbrae reach half of the receiver's size around it, and then
-/// [`OCTAVE`] times as far. So that what touches a small receiver is drawn as fine as it is.
-fn octaves(highest: f64, full: f64, spread: &Spread) -> Vec<[f64; 2]> {
-    let largest = if highest < full {
+/// The largest scale of occluders that are at most so high under an eye of height `full`.
+fn largest_scale(highest: f64, full: f64) -> f64 {
+    if highest < full {
         (highest / (full - highest)).min(MOST_SCALE)
     } else {
         MOST_SCALE
-    };
+    }
+}
+
+/// Ranges of scales that are drawn in windows of their own: up to the one whose penumbrae reach half of the
+/// receiver's size around it, and then [`OCTAVE`] times as far. So that what touches a small receiver is drawn
+/// as fine as it is.
+fn octaves(largest: f64, spread: &Spread) -> Vec<Range> {
     let half = spread.half().max_element();
     let mut out = Vec::new();
-    let (mut low, mut high) = (
-        -1.0,
+    let (mut low, mut bound) = (
+        None,
         if half > 0.0 {
             0.5 / half
         } else {
             f64::INFINITY
         },
     );
-    while high < largest {
-        out.push([low, high]);
-        (low, high) = (high, OCTAVE * high);
+    while bound < largest {
+        let high = Some(bound);
+        out.push(Range { low, high });
+        (low, bound) = (high, OCTAVE * bound);
     }
-    out.push([low, largest]);
+    out.push(Range { low, high: None });
     out
 }
 
-/// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders of at most this
-/// scale.
-fn window(scale: f64, spread: &Spread, size: [u32; 2]) -> Window {
+/// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders with scales in a
+/// range. Its texels are as fine as the texture's, or as the narrowest of the penumbrae needs.
+fn window(range: &Range, largest: f64, spread: &Spread, size: [u32; 2]) -> Window {
+    let scale = range.most(largest);
     // A texel more for rounding.
     let texel = DVec2::new(1.0 / f64::from(size[0]), 1.0 / f64::from(size[1]));
     let margin = spread.half() * scale + texel;
-    let wanted = [0, 1].map(|k| f64::from(size[k]) * (1.0 + 2.0 * margin[k]));
+    let wanted = [0, 1].map(|k| {
+        let narrowest = 2.0 * spread.half()[k] * range.low.unwrap_or(0.0);
+        let texels = f64::from(size[k]).min(PENUMBRA / narrowest);
+        texels * (1.0 + 2.0 * margin[k])
+    });
     // A receiver of few texels is drawn finer than them, or what touches it would darken all of it.
     let [width, height] = [0, 1].map(|k| {
         let most = (WIDER * size[k]).clamp(SMALL_WINDOW, MOST_WINDOW);

@@ -12,9 +12,14 @@
 use rayon::prelude::*;
 
 use super::map::{Block, Level, Part, Plane, WHOLE};
+use crate::control::Control;
+use crate::error::Result;
 
 /// A map of half the resolution.
-pub fn coarser(level: &Level, k: usize, number: u32) -> Level {
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`].
+pub fn coarser(level: &Level, k: usize, number: u32, control: &Control) -> Result<Level> {
     let (width, height) = (level.width.div_ceil(2), level.height.div_ceil(2));
     let opaque = level.media.is_empty();
     let plane = |block: &Block, child: usize| {
@@ -38,6 +43,7 @@ pub fn coarser(level: &Level, k: usize, number: u32) -> Level {
         })
     };
     let make = |surfaces: &mut Vec<Surface>, (block, layers): (usize, &mut [Block])| {
+        control.check()?;
         for child in 0..4 {
             let Some((at, bits, from)) = source(block, child) else {
                 continue;
@@ -53,13 +59,15 @@ pub fn coarser(level: &Level, k: usize, number: u32) -> Level {
                 to.set_plane(child, &halved(plane));
             }
         }
+        Ok(())
     };
     out.blocks
         .par_chunks_mut(k)
         .enumerate()
-        .for_each_init(Vec::new, make);
+        .try_for_each_init(Vec::new, make)?;
     let media = out.media.par_chunks_mut(k).enumerate();
-    media.for_each(|(block, layers)| {
+    media.try_for_each(|(block, layers)| {
+        control.check()?;
         for child in 0..4 {
             if let Some((at, _, from)) = source(block, child) {
                 let fine = level.blocks[at..at + k].iter().map(|b| plane(b, from));
@@ -75,8 +83,9 @@ pub fn coarser(level: &Level, k: usize, number: u32) -> Level {
                 }
             }
         }
-    });
-    out
+        Ok(())
+    })?;
+    Ok(out)
 }
 
 /// Where the middle of one of four texels is, in texels from that of all.

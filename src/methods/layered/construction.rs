@@ -73,11 +73,13 @@ pub fn layer_map(
         blocks
             .zip(level.media.par_chunks_mut(rows))
             .zip(tiles.into_par_iter().chunks(across))
-            .for_each(|((blocks, media), tiles)| {
+            .try_for_each(|((blocks, media), tiles)| {
                 for (tile, sink) in tiles {
+                    control.check()?;
                     sink.put(tile, width, k, &layers.compression, blocks, media);
                 }
-            });
+                Ok(())
+            })?;
     } else {
         let of = layers.of.max(k);
         let make = |tile| NearestLayers::new(tile, near, of);
@@ -85,7 +87,8 @@ pub fn layer_map(
         let blocks = level.blocks.par_chunks_mut(rows);
         blocks
             .zip(tiles.par_chunks_mut(across))
-            .for_each(|(blocks, tiles)| {
+            .try_for_each(|(blocks, tiles)| {
+                control.check()?;
                 for (tile, sink) in tiles {
                     for (i, texel) in sink.pieces.chunks_exact_mut(of).enumerate() {
                         keep_apart(texel, k);
@@ -95,7 +98,8 @@ pub fn layer_map(
                         }
                     }
                 }
-            });
+                Ok(())
+            })?;
     }
     control.check()?;
     let mut map = LayerMap {
@@ -103,7 +107,7 @@ pub fn layer_map(
         layers: k,
         levels: vec![level],
     };
-    add_levels(&mut map);
+    add_levels(&mut map, control)?;
     Ok(map)
 }
 

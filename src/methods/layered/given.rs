@@ -12,6 +12,7 @@ use super::map::{LayerMap, Level, Medium, Piece};
 use super::quadtree::add_levels;
 use super::views::LayerView;
 use crate::camera::Camera;
+use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Frame;
 use crate::light::{Light, Shape};
@@ -96,14 +97,21 @@ impl Given {
     ///
     /// # Errors
     /// What is not as described above, a camera that the light is not in front of, or a map that does not fit into
-    /// memory.
-    pub fn map(&self, light: &Light, frame: &Frame, threshold: f32) -> Result<LayerMap> {
+    /// memory; or [`Error::Cancelled`].
+    pub fn map(
+        &self,
+        light: &Light,
+        frame: &Frame,
+        threshold: f32,
+        control: &Control,
+    ) -> Result<LayerMap> {
         let view = self.view(light, frame)?;
         let (width, height) = (self.camera.width as usize, self.camera.height as usize);
         let (k, transparent) = (self.layers, self.clear.is_some());
         check_memory(&view, k, k, transparent)?;
         let mut level = Level::new(width, height, k, transparent);
         for texel in 0..width * height {
+            control.check()?;
             let (at, child) = level.place(texel % width, texel / width, k);
             let mut behind = Behind {
                 depth: 0.0,
@@ -136,7 +144,7 @@ impl Given {
             layers: k,
             levels: vec![level],
         };
-        add_levels(&mut map);
+        add_levels(&mut map, control)?;
         Ok(map)
     }
 

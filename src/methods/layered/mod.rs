@@ -214,10 +214,7 @@ impl Layered {
         control: &Control,
     ) -> Result<impl Prepared + use<>> {
         let threshold = self.settings.threshold as f32;
-        let make = |given: &Given| {
-            control.check()?;
-            given.map(&light, frame, threshold)
-        };
+        let make = |given: &Given| given.map(&light, frame, threshold, control);
         let group = |maps: &Vec<Given>| maps.iter().map(make).collect();
         let groups = groups.iter().map(group).collect::<Result<_>>()?;
         Ok(PreparedLayered {

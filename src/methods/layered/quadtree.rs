@@ -14,6 +14,8 @@ use rayon::prelude::*;
 use super::coarser::coarser;
 use super::map::{LayerMap, Level, Plane};
 use super::quad::{Bounds, Quad};
+use crate::control::Control;
+use crate::error::Result;
 
 /// Borders between texels, for each texel along the side of a node's grandparent, at which surfaces may end where
 /// outlines pass: as many as on three oblique ones. With 4 the statue's penumbra has a tenth more error, with 8 the
@@ -44,35 +46,39 @@ const NOTHING: Node = Node {
 };
 
 /// Adds the coarser levels to a map of one, and the quadtree.
-pub fn add_levels(map: &mut LayerMap) {
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`]: every row of nodes asks, for a large map takes seconds.
+pub fn add_levels(map: &mut LayerMap, control: &Control) -> Result<()> {
     let k = map.layers;
     let (width, height) = (map.levels[0].width, map.levels[0].height);
-    let mut nodes = texels(&map.levels[0], k);
-    let mut above = parents(&nodes, width, height, 0);
+    let mut nodes = texels(&map.levels[0], k, control)?;
+    let mut above = parents(&nodes, width, height, 0, control)?;
     loop {
         let finest = &map.levels[map.levels.len() - 1];
         let (width, height) = (finest.width, finest.height);
         let level = map.levels.len() - 1;
-        let grandparents = parents(&above, width.div_ceil(2), height.div_ceil(2), level + 1);
+        let (w, h) = (width.div_ceil(2), height.div_ceil(2));
+        let grandparents = parents(&above, w, h, level + 1, control)?;
         let ends = if map.is_transparent() {
             0
         } else {
             ENDS << (level + 2)
         };
-        let quads = quads(&nodes, &grandparents, ends, width, height, level);
+        let quads = quads(&nodes, &grandparents, ends, width, height, level, control)?;
         if width == 1 && height == 1 {
             map.levels[level].quads = quads;
-            return;
+            return Ok(());
         }
         (nodes, above) = (above, grandparents);
-        let next = coarser(finest, k, level as u32);
+        let next = coarser(finest, k, level as u32, control)?;
         map.levels[level].quads = quads;
         map.levels.push(next);
     }
 }
 
 /// Nodes of the finest level.
-fn texels(level: &Level, k: usize) -> Vec<Node> {
+fn texels(level: &Level, k: usize, control: &Control) -> Result<Vec<Node>> {
     let (width, height) = (level.width, level.height);
     let first = |x: usize, y: usize| {
         let (at, child) = level.place(x, y, k);
@@ -80,47 +86,63 @@ fn texels(level: &Level, k: usize) -> Vec<Node> {
         let piece = level.blocks[at].piece(child);
         (opaque && piece.is_some()).then_some(piece)
     };
-    let row = |y: usize| {
-        (0..width).map(move |x| {
-            let (at, child) = level.place(x, y, k);
-            let mut node = NOTHING;
-            let bounds = &mut node.bounds;
-            for (i, block) in level.blocks[at..at + k].iter().enumerate() {
-                let piece = block.piece(child);
-                if !piece.is_some() {
-                    break;
-                }
-                let (w, reach) = (piece.inverse_depth, piece.reach());
-                let nearest = level.media.get(at + i).map_or(w, |m| m[child].first);
-                // A plane may reach beyond the eye's horizon within a texel; nothing does.
-                bounds.low = bounds.low.min((w - reach).max(f32::MIN_POSITIVE));
-                bounds.high = bounds.high.max(nearest + reach);
-                if nearest > bounds.middle {
-                    (bounds.middle, bounds.slope) = (nearest, piece.slope());
-                }
+    let node = |x: usize, y: usize| {
+        let (at, child) = level.place(x, y, k);
+        let mut node = NOTHING;
+        let bounds = &mut node.bounds;
+        for (i, block) in level.blocks[at..at + k].iter().enumerate() {
+            let piece = block.piece(child);
+            if !piece.is_some() {
+                break;
             }
-            let here = first(x, y);
-            let next = [(1, 0), (0, 1)].map(|(i, j)| {
-                let (x, y) = (x + i, y + j);
-                (x < width && y < height).then(|| first(x, y))
-            });
-            if let Some(piece) = here {
-                let (w, reach) = (piece.inverse_depth, piece.reach());
-                node.bounds.cover = Some([(w - reach).max(f32::MIN_POSITIVE), w + reach]);
-                let joined = |axis: usize| {
-                    let next = next[axis].flatten();
-                    next.is_some_and(|next| Plane::from(piece).joins(&next.into(), axis))
-                };
-                (node.right, node.down) = (joined(0), joined(1));
+            let (w, reach) = (piece.inverse_depth, piece.reach());
+            let nearest = level.media.get(at + i).map_or(w, |m| m[child].first);
+            // A plane may reach beyond the eye's horizon within a texel; nothing does.
+            bounds.low = bounds.low.min((w - reach).max(f32::MIN_POSITIVE));
+            bounds.high = bounds.high.max(nearest + reach);
+            if nearest > bounds.middle {
+                (bounds.middle, bounds.slope) = (nearest, piece.slope());
             }
-            for (next, goes_on) in next.into_iter().zip([node.right, node.down]) {
-                let some = next.is_some_and(|next| here.is_some() || next.is_some());
-                node.ends += u32::from(some && !goes_on);
-            }
-            node
-        })
+        }
+        let here = first(x, y);
+        let next = [(1, 0), (0, 1)].map(|(i, j)| {
+            let (x, y) = (x + i, y + j);
+            (x < width && y < height).then(|| first(x, y))
+        });
+        if let Some(piece) = here {
+            let (w, reach) = (piece.inverse_depth, piece.reach());
+            node.bounds.cover = Some([(w - reach).max(f32::MIN_POSITIVE), w + reach]);
+            let joined = |axis: usize| {
+                let next = next[axis].flatten();
+                next.is_some_and(|next| Plane::from(piece).joins(&next.into(), axis))
+            };
+            (node.right, node.down) = (joined(0), joined(1));
+        }
+        for (next, goes_on) in next.into_iter().zip([node.right, node.down]) {
+            let some = next.is_some_and(|next| here.is_some() || next.is_some());
+            node.ends += u32::from(some && !goes_on);
+        }
+        node
     };
-    (0..height).into_par_iter().flat_map_iter(row).collect()
+    by_rows(width, height, control, node)
+}
+
+/// What `make` makes of columns and rows, row by row.
+fn by_rows<T: Send>(
+    width: usize,
+    height: usize,
+    control: &Control,
+    make: impl Fn(usize, usize) -> T + Sync,
+) -> Result<Vec<T>> {
+    let make = &make;
+    let row = |y: usize| {
+        // A row that is left out is an error below.
+        let wanted = if control.check().is_ok() { width } else { 0 };
+        (0..wanted).map(move |x| make(x, y))
+    };
+    let made = (0..height).into_par_iter().flat_map_iter(row).collect();
+    control.check()?;
+    Ok(made)
 }
 
 fn child(nodes: &[Node], width: usize, height: usize, x: usize, y: usize) -> Node {
@@ -143,25 +165,27 @@ fn quads(
     width: usize,
     height: usize,
     level: usize,
-) -> Vec<Quad> {
+    control: &Control,
+) -> Result<Vec<Quad>> {
     let across = width.div_ceil(2);
-    let make = |i: usize| {
-        let (x, y) = (i % across, i / across);
+    let make = |x: usize, y: usize| {
         let four = siblings(nodes, width, height, x, y);
         let ends = grandparents[y / 2 * across.div_ceil(2) + x / 2].ends;
         let outline = (1..=most).contains(&ends);
         Quad::new(&four.map(|n| n.bounds), (1u64 << level) as f32, outline)
     };
-    (0..across * height.div_ceil(2))
-        .into_par_iter()
-        .map(make)
-        .collect()
+    by_rows(width.div_ceil(2), height.div_ceil(2), control, make)
 }
 
-fn parents(nodes: &[Node], width: usize, height: usize, level: usize) -> Vec<Node> {
-    let across = width.div_ceil(2);
-    let make = |i: usize| {
-        let [a, b, c, d] = siblings(nodes, width, height, i % across, i / across);
+fn parents(
+    nodes: &[Node],
+    width: usize,
+    height: usize,
+    level: usize,
+    control: &Control,
+) -> Result<Vec<Node>> {
+    let make = |x: usize, y: usize| {
+        let [a, b, c, d] = siblings(nodes, width, height, x, y);
         let all = [a, b, c, d].map(|n| n.bounds);
         let mut bounds = Bounds::of(&all, (1u64 << level) as f32);
         if a.right && c.right && a.down && b.down {
@@ -176,8 +200,5 @@ fn parents(nodes: &[Node], width: usize, height: usize, level: usize) -> Vec<Nod
             ends: a.ends + b.ends + c.ends + d.ends,
         }
     };
-    (0..across * height.div_ceil(2))
-        .into_par_iter()
-        .map(make)
-        .collect()
+    by_rows(width.div_ceil(2), height.div_ceil(2), control, make)
 }

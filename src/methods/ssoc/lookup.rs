@@ -15,6 +15,7 @@
 //! distorted ray saw takes its place. Edges that find each other in turn leave a penumbra.
 
 use std::cell::RefCell;
+use std::f64::consts::FRAC_2_PI;
 
 use glam::{DVec2, DVec3};
 
@@ -346,7 +347,10 @@ impl<'a> Lookup<'a> {
                 break;
             }
             let foot = maps.lines[next as usize].foot(from);
-            if hidden && foot.x > -DRAWN && foot.point.distance(here.point) <= CLOSE + 0.25 * here.w
+            if hidden
+                && foot.x > -DRAWN
+                && foot.point.distance(here.point) <= CLOSE + 0.25 * here.w
+                && !here.is_before(foot.normal, foot.point)
             {
                 // The drawing of the same silhouette covers the distorted point by its rounding.
                 hidden = false;
@@ -366,12 +370,9 @@ impl<'a> Lookup<'a> {
         if hidden && count < self.rules.steps {
             return 0.0;
         }
-        let product = known[..count]
-            .iter()
-            .flatten()
-            .map(|k| k.visible)
-            .product::<f64>();
-        match known[0] {
+        let first = known[0];
+        let product = together(&mut known[..count]);
+        match first {
             Some(first) if self.rules.thin && !first.trend => {
                 (product + self.past(maps, receiver, &first)).min(1.0)
             }
@@ -401,6 +402,34 @@ impl<'a> Lookup<'a> {
     }
 }
 
+/// What several penumbrae leave of the light.
+///
+/// What the two sides of a gap hide lies on opposite sides of the light, and adds up; what edges across hide is in a
+/// part of each other, and what they leave is multiplied. Between, the parts that two lines through a disk's middle
+/// hide together are linear in the angle between them: so is what they leave.
+fn together(known: &mut [Option<Penumbra>]) -> f64 {
+    let mut product = 1.0;
+    for i in 0..known.len() {
+        let Some(one) = known[i].take() else {
+            continue;
+        };
+        // The one across the gap, if there is any.
+        let faces = |k: &Option<Penumbra>| k.map_or(0.0, |k| one.faces(k.normal, k.point));
+        let other =
+            (i + 1..known.len()).max_by(|&a, &b| faces(&known[a]).total_cmp(&faces(&known[b])));
+        let found = other.map(|k| (k, faces(&known[k]))).filter(|f| f.1 > 0.0);
+        let Some((k, sine)) = found else {
+            product *= one.visible;
+            continue;
+        };
+        let other = known[k].take().map_or(1.0, |k| k.visible);
+        let apart = (one.visible + other - 1.0).max(0.0);
+        let across = one.visible * other;
+        product *= across + (apart - across) * sine.min(1.0).asin() * FRAC_2_PI;
+    }
+    product
+}
+
 /// What an edge does to a receiver.
 #[derive(Clone, Copy)]
 pub(super) struct Penumbra {
@@ -428,8 +457,22 @@ impl Penumbra {
     /// normals, or by their places; or the two sides of what both are known to bound.
     fn same(&self, other: &Penumbra) -> bool {
         self.normal.dot(other.normal) > SAME
-            || self.point.distance(other.point) <= CLOSE + 0.25 * self.w.min(other.w)
+            || (self.point.distance(other.point) <= CLOSE + 0.25 * self.w.min(other.w)
+                && (other.trend || !self.is_before(other.normal, other.point)))
             || self.is_other_side(other)
+    }
+
+    /// How much another edge faces this one over a gap: the cosine between this one's normal and the reverse of the
+    /// other's; 0 or below where they do not, as the two sides of a bar.
+    fn faces(&self, normal: DVec2, point: DVec2) -> f64 {
+        let ahead = (point - self.point).dot(self.normal) > 0.0;
+        if ahead { -self.normal.dot(normal) } else { 0.0 }
+    }
+
+    /// Whether another edge bounds a gap with this one, however narrow. Where the trend stands for an edge, what
+    /// faces it is the other side of a dent of the same silhouette.
+    fn is_before(&self, normal: DVec2, point: DVec2) -> bool {
+        !self.trend && self.faces(normal, point) > SAME
     }
 
     /// Whether an edge that faces away is about as far off as the other side.

@@ -217,8 +217,11 @@ impl Maps {
         self.lines = edges
             .par_iter()
             .filter(shown)
-            .filter_map(|e| self.line(e))
-            .collect();
+            .filter_map(|e| match control.check() {
+                Ok(()) => self.line(e).map(Ok),
+                Err(cancelled) => Some(Err(cancelled)),
+            })
+            .collect::<Result<_>>()?;
         let (joints, loose) = ends(&self.lines);
         self.corners = corners::find(&mut self.lines, &joints);
         let drawing = Drawing::new(&self.lines, &joints, &loose, &self.view);

@@ -9,7 +9,7 @@
 //! Assumptions and failures, as the paper states them: edges of one view of the scene, from the light's
 //! centre, stand for all of the light; a texel keeps one edge a side, so that where several penumbrae cross
 //! in the map (forks, foliage, large lights) some are missed and the seams show; shadows of different edges
-//! are multiplied. Beside the paper, light past the far side of a thin occluder is looked for in the
+//! are multiplied, but those of the two sides of a gap, which add up. Beside the paper, light past the far side of a thin occluder is looked for in the
 //! maps (its Section 6, a wider search). Transparent occluders cannot be modelled. The penumbra's half-width `w` is exact for a flat light and a straight
 //! edge in the view along the light's normal, and of first order in light size over distance
 //! otherwise. Receivers farther from the light than all of the scene have their penumbrae cut to the width
@@ -200,7 +200,7 @@ impl Ssoc {
         let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let start = Instant::now();
-        casters.connect(false);
+        casters.connect(false, control)?;
         let adjacency = start.elapsed().as_secs_f64();
         let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
         let mut reference_image = 0.0;

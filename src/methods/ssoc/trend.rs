@@ -74,7 +74,23 @@ impl Around<'_> {
         texel.is_some_and(|texel| self.maps.inverse_depth[texel] > self.bound)
     }
 
-    /// The border in a column, from that of its neighbour, at most `most` away from the edge.
+    /// Where a column enters the map from its dark end; nothing hides before.
+    fn low(&self, t: f64) -> f64 {
+        let camera = &self.maps.view.camera;
+        let size = [camera.width, camera.height].map(f64::from);
+        let from = self.middle + self.along * t;
+        let low = |k: usize| {
+            let end = if self.normal[k] > 0.0 { 0.0 } else { size[k] };
+            match self.normal[k] {
+                0.0 => f64::NEG_INFINITY,
+                slope => (end - from[k]) / slope,
+            }
+        };
+        low(0).max(low(1))
+    }
+
+    /// The border in a column, from that of its neighbour, at most `most` away from the edge. Its steps are as many
+    /// as the map is wide, however wide the penumbra.
     fn border(&self, from: f64, t: f64, most: f64) -> f64 {
         let mut y = from;
         if self.hides(t, y) {
@@ -86,7 +102,8 @@ impl Around<'_> {
             }
             return most;
         }
-        while y > -most {
+        let low = self.low(t);
+        while y > low.max(-most) {
             y -= 1.0;
             if self.hides(t, y) {
                 return (y + 0.5).max(-most);

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Geometry, MeshRange};
 use crate::mesh::silhouettes::silhouette_edges;
@@ -107,13 +108,18 @@ impl Casters {
     }
 
     /// Builds the adjacency, and the connected parts if `objects` are to be told apart.
-    pub fn connect(&self, objects: bool) {
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`], between two meshes.
+    pub fn connect(&self, objects: bool, control: &Control) -> Result<()> {
         for mesh in self.ranges() {
+            control.check()?;
             mesh.mesh.oriented();
             if objects {
                 mesh.mesh.components();
             }
         }
+        control.check()
     }
 
     fn ranges(&self) -> impl Iterator<Item = &MeshRange> {

@@ -334,7 +334,7 @@ impl PreparedWedges {
             clock = Instant::now();
             seconds
         };
-        casters.connect(settings.objects());
+        casters.connect(settings.objects(), control)?;
         let adjacency = lap();
         control.check()?;
         // In parallel even for one light: what follows then stays with the workers, without a wake-up a step.
@@ -396,7 +396,7 @@ impl PreparedWedges {
         let drawing = volume::draw(&self.casters, &cast.quads, cast.light.center(), &view);
         let frame = Frame::new(cast, &drawing, receivers, camera, &self.settings, keep);
         // Receivers are counted once a group, as by every method; tiles need no steps of their own.
-        let silent = Control::default();
+        let silent = control.silent();
         let tiles = cover_projected(
             &drawing.points,
             &drawing.bounds,
