@@ -47,6 +47,8 @@ pub struct Receivers {
     pub faces: Vec<u32>,
     /// The camera (local) whose pixels they are; each group then lies in one block of 8×8 pixels.
     pub camera: Option<Camera>,
+    /// How far surfaces may be over receivers that are said to lie on them, beyond rounding of these.
+    pub rounding: f64,
 }
 
 impl Receivers {
@@ -103,7 +105,8 @@ impl Receivers {
     /// receiver's own plane.
     pub fn ray_origin(&self, i: usize) -> Vec3 {
         let (p, n) = (self.positions[i], self.normals[i]);
-        (p + n * (POINT_OFFSET * p.abs().max_element().max(1.0))).as_vec3()
+        let offset = POINT_OFFSET * p.abs().max_element().max(1.0) + self.rounding;
+        (p + n * offset).as_vec3()
     }
 
     /// A user's own points, in world coordinates.
@@ -156,6 +159,8 @@ impl Receivers {
             index,
             faces: Vec::new(),
             camera: None,
+            // A user knows the surface, and not what rounding made of it.
+            rounding: 2.0 * frame.rounding,
         })
     }
 }
@@ -321,6 +326,7 @@ pub fn from_camera(
             groups,
             faces: written(all_faces),
             camera: Some(*camera),
+            rounding: 0.0,
         }
     };
     Ok((surface, receivers))

@@ -62,7 +62,7 @@ pub(super) fn textures(
         _ => Some(true),
     };
     run(py, progress.as_ref(), move |_| {
-        let atlas = Atlas::new(scene.geometry()?, &lights, method.layout)?;
+        let atlas = Atlas::new(scene.geometry_for(&lights)?, &lights, method.layout)?;
         let mut polygons = Vec::new();
         for (id, patch) in atlas.patches.list.iter().enumerate() {
             let entry = atlas.geometry.mesh_of(patch.faces[0]).entry;

@@ -21,6 +21,7 @@ use rayon::prelude::*;
 
 use super::contour::{Casters, Edge};
 use crate::camera::Camera;
+use crate::geometry::distance;
 use crate::mesh::silhouettes::side_of;
 use crate::raster::coverage::{self, Quadrilateral};
 use crate::raster::project;
@@ -325,29 +326,6 @@ fn touches(casters: &Casters, quads: &[Quad], camera: &Camera) -> bool {
         outside <= near && distance(corners, eye) <= near
     };
     quads.par_iter().any(quad) || casters.faces().any(triangle)
-}
-
-/// Distance of a point from a triangle.
-fn distance(corners: [DVec3; 3], p: DVec3) -> f64 {
-    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-    let mut inside = normal != DVec3::ZERO;
-    let mut nearest = f64::INFINITY;
-    for i in 0..3 {
-        let (a, b) = (corners[i], corners[(i + 1) % 3]);
-        let (along, from) = (b - a, p - a);
-        inside &= normal.cross(along).dot(from) >= 0.0;
-        let squared = along.length_squared();
-        let part = if squared > 0.0 {
-            (from.dot(along) / squared).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        nearest = nearest.min((from - part * along).length());
-    }
-    if inside {
-        nearest = nearest.min(normal.dot(p - corners[0]).abs() / normal.length());
-    }
-    nearest
 }
 
 impl Drawing {
