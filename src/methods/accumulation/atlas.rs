@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::occluders::{Casting, Gatherer, Occluders, Side, bodies};
 use super::patches::Patches;
 use super::texture::{Texture, drawing_bytes, texture_bytes};
+use super::window;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Geometry, Sphere};
@@ -112,6 +113,25 @@ impl Atlas {
             bodies,
             texel,
         })
+    }
+
+    /// The same with the textures of large polygons where shadows can fall, in a scene that is far larger
+    /// than what casts in it.
+    ///
+    /// # Errors
+    /// A large polygon on which shadows can fall without bound.
+    pub fn fitted(mut self) -> Result<Self> {
+        if !self.geometry.frame.is_core {
+            return Ok(self);
+        }
+        let name = self.layout.names[0];
+        window::fit(&self.geometry, &mut self.patches, &self.lights, name)?;
+        if self.layout.texel.is_none() {
+            let lengths = self.patches.list.iter().flat_map(|p| p.bounds.edges);
+            let largest = lengths.map(DVec3::length).fold(f64::MIN_POSITIVE, f64::max);
+            self.texel = largest / f64::from(self.layout.most_texels);
+        }
+        Ok(self)
     }
 
     /// Texels along the edges of a patch.

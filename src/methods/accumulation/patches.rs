@@ -74,6 +74,8 @@ pub struct Patch {
     pub bounds: Parallelogram,
     /// Unit normal, on the side from which its largest triangle is wound counterclockwise.
     pub normal: DVec3,
+    /// Whether the bounds are those of shadows on it, and what is outside is lit.
+    pub fitted: bool,
 }
 
 impl Patch {
@@ -161,6 +163,7 @@ impl Patches {
                 faces,
                 bounds,
                 normal,
+                fitted: false,
             });
         }
     }
