@@ -79,7 +79,7 @@ pub const LARGEST: f64 = (1u64 << 30) as f64;
 const MOVED: f64 = 1.0 / 8.0;
 
 /// Local units by which rounding may move a surface near the core: a 64th of the core's radius.
-const ROUNDED: f64 = 1.0 / (64.0 * ROOM);
+pub(crate) const ROUNDED: f64 = 1.0 / (64.0 * ROOM);
 
 /// Bins along an axis in which a core is looked for.
 const BINS: usize = 1024;
@@ -323,17 +323,17 @@ pub(crate) fn for_lights(geometry: &Geometry, lights: &[Light]) -> Result<Option
     for light in lights {
         let local = light.to_local(frame);
         let (low, high) = local.bounds();
-        let size = (high - low).max_element();
+        let own = (high - low).max_element();
         let far = local.center().abs().max_element();
         let moved = if frame.is_core {
             far * f64::from(f32::EPSILON)
         } else {
             0.0
         };
-        if size >= SMALL_LIGHT && moved <= MOVED * size {
+        if own >= SMALL_LIGHT && moved <= MOVED * own {
             continue;
         }
-        let size = size.max(clearance(geometry, local.center()));
+        let size = own.max(clearance(geometry, local.center()));
         if moved > MOVED * size && size > 0.0 {
             let reason = format!(
                 "it is {:.3e} from where most of the scene is; there, single precision does not tell \
@@ -343,10 +343,20 @@ pub(crate) fn for_lights(geometry: &Geometry, lights: &[Light]) -> Result<Option
             );
             return Err(Error::parameter("light", reason));
         }
-        if size < SMALL_LIGHT
-            && size * LARGEST >= extent(geometry)
-            && least.is_none_or(|l| size < l.0)
-        {
+        if size >= SMALL_LIGHT {
+            continue;
+        }
+        // A point that touches something is normal input; what has a size is not in a scene of such a size.
+        if size * LARGEST < extent(geometry) {
+            if own > 0.0 {
+                let reason = format!(
+                    "of its size and its distance from the nearest surface the larger, {:.3e}, is less than a \
+                     billionth of the scene: single precision does not hold both",
+                    size * frame.unit,
+                );
+                return Err(Error::parameter("light", reason));
+            }
+        } else if least.is_none_or(|l| size < l.0) {
             least = Some((size, light.center()));
         }
     }

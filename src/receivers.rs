@@ -47,8 +47,6 @@ pub struct Receivers {
     pub faces: Vec<u32>,
     /// The camera (local) whose pixels they are; each group then lies in one block of 8×8 pixels.
     pub camera: Option<Camera>,
-    /// How far surfaces may be over receivers that are said to lie on them, beyond rounding of these.
-    pub rounding: f64,
 }
 
 impl Receivers {
@@ -105,8 +103,7 @@ impl Receivers {
     /// receiver's own plane.
     pub fn ray_origin(&self, i: usize) -> Vec3 {
         let (p, n) = (self.positions[i], self.normals[i]);
-        let offset = POINT_OFFSET * p.abs().max_element().max(1.0) + self.rounding;
-        (p + n * offset).as_vec3()
+        (p + n * (POINT_OFFSET * p.abs().max_element().max(1.0))).as_vec3()
     }
 
     /// A user's own points, in world coordinates.
@@ -148,19 +145,19 @@ impl Receivers {
         order.par_sort_unstable();
         let index: Vec<u32> = order.into_iter().map(|(_, i)| i).collect();
         let normal = |&i: &u32| normals.map_or(DVec3::ZERO, |n| unit(n[i as usize]));
+        // A user knows the surface, and not how far rounding moved it.
+        let position = |i: &u32| local[*i as usize] + normal(i) * (2.0 * frame.rounding);
         let groups = (0..index.len())
             .step_by(GROUP)
             .chain([index.len()])
             .map(|g| g as u32);
         Ok(Receivers {
-            positions: index.par_iter().map(|&i| local[i as usize]).collect(),
+            positions: index.par_iter().map(position).collect(),
             normals: index.par_iter().map(normal).collect(),
             groups: groups.collect(),
             index,
             faces: Vec::new(),
             camera: None,
-            // A user knows the surface, and not what rounding made of it.
-            rounding: 2.0 * frame.rounding,
         })
     }
 }
@@ -326,7 +323,6 @@ pub fn from_camera(
             groups,
             faces: written(all_faces),
             camera: Some(*camera),
-            rounding: 0.0,
         }
     };
     Ok((surface, receivers))

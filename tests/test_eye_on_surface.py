@@ -1,4 +1,4 @@
-"""A camera whose eye lies on what casts sees the shadows that it sees from a hair's breadth beside it."""
+"""An eye on what casts sees the shadows that it sees from a hair's breadth beside it."""
 
 from __future__ import annotations
 
@@ -60,15 +60,15 @@ def test_hard_shadows_are_those_of_rays(caster, turned, name):
                 rays = ss.render(scene, camera, point, "hard")
                 image = ss.render(scene, camera, point, COUNTED[name])
                 wrong = np.abs(image.visibility - rays.visibility)[rays.mask] > 0.5
-                # Both decide exactly, but of a shadow's border and of surfaces seen edge-on each in its own
-                # way: one in a hundred pixels, where a wrong count of layers is wrong over whole surfaces.
+                # Both decide exactly, but shadow borders and surfaces seen edge-on each in its own
+                # way: one pixel in a hundred. A wrong count of layers is wrong over whole surfaces.
                 assert wrong.sum() <= max(0.02 * wrong.size, 2), (where, nudge, wrong.mean())
 
 
 @pytest.mark.parametrize("name", COUNTED)
 @pytest.mark.parametrize("height", [0.0, 1e-15, -1e-15, 1e-9, -1e-9, 1e-7])
 def test_along_the_ground(height, name):
-    """The ground is seen edge-on, or not at all; the box over it is lit from above and dark below."""
+    """The ground is seen edge-on or not at all; the box is lit from above and dark below."""
     scene = ss.Scene()
     scene.add(quad((0, 0, 0), (4, 0, 0), (0, 4, 0)))
     scene.add(box(turn_deg=20.0))

@@ -186,7 +186,7 @@ impl Method for Accumulation {
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
-        let atlas = Atlas::new(geometry, lights, self.layout)?.fitted()?;
+        let atlas = Atlas::new(geometry, lights, self.layout)?.fitted();
         Ok(Box::new(Pictures::new(atlas, *self)))
     }
 }

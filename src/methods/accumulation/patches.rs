@@ -76,6 +76,8 @@ pub struct Patch {
     pub normal: DVec3,
     /// Whether the bounds are those of shadows on it, and what is outside is lit.
     pub fitted: bool,
+    /// Whether shadows can fall anywhere on its back and its front, and no bounds hold them.
+    pub boundless: [bool; 2],
 }
 
 impl Patch {
@@ -164,6 +166,7 @@ impl Patches {
                 bounds,
                 normal,
                 fitted: false,
+                boundless: [false; 2],
             });
         }
     }

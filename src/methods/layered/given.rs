@@ -270,10 +270,7 @@ mod tests {
 
     #[test]
     fn inverse_depths_survive_the_way_to_a_depth_and_back() {
-        let frame = Frame {
-            origin: DVec3::ZERO,
-            unit: 8.0,
-        };
+        let frame = Frame::new(DVec3::ZERO, 8.0);
         for i in 0..100_000u32 {
             let w = f32::from_bits(0x3f00_0000 + 977 * i);
             let depth = frame.unit / f64::from(w);

@@ -175,8 +175,8 @@ impl Room {
         let mut planes = Vec::new();
         for axis in 0..3 {
             for (sign, limit) in [(-1.0, receivers[0][axis]), (1.0, receivers[1][axis])] {
-                // Coordinates within 2; the slack is far above their rounding and far below a pixel.
-                let limit = sign * limit + 1e-9;
+                // The slack is far above the rounding of coordinates and far below a pixel.
+                let limit = sign * limit + 1e-9 * eye[axis].abs().max(limit.abs()).max(1.0);
                 if sign * eye[axis] < limit {
                     planes.push((axis, sign, limit));
                 }
@@ -453,8 +453,12 @@ fn layers_over(
     let u = axis.any_orthonormal_vector();
     let v = axis.cross(u);
     // Where the segment is seen as a point, a triangle that it crosses surrounds that point; the margin is
-    // far above the rounding of coordinates within 2 and far below a triangle's size.
-    let margin = 1e-12 * (4.0 + eye.length() + center.length());
+    // far above the rounding of coordinates and far below a triangle's size.
+    let positions = geometry.positions.par_iter();
+    let far = positions
+        .map(|p| p.abs().max_element())
+        .reduce(|| 0.0, f32::max);
+    let margin = 1e-12 * (4.0 + eye.length() + center.length() + f64::from(far));
     let seen: Vec<[f64; 2]> = geometry
         .positions
         .par_iter()
