@@ -3,8 +3,10 @@
 //! Local coordinates have their origin in the middle of the scene's bounds and a power of two as
 //! their unit, chosen so that every coordinate lies in [-1, 1]. They are `f32`, which costs a vertex
 //! at most half an ulp of the scene's size whatever the scene's offset and scale, and a scene scaled
-//! by a power of two has the same local coordinates to the bit. Everything in this crate that says
-//! *local* means this frame; lengths that depend on the scene's size are constants in it.
+//! by a power of two has the same local coordinates to the bit. Where a scene is far larger than most of what
+//! is in it, origin and unit are those of what is small ([`crate::frame`]), and the rest has coordinates of up to
+//! 2³⁰. Everything in this crate that says *local* means this frame; lengths that depend on the scene's size are
+//! constants in it.
 
 use std::sync::{Arc, OnceLock};
 
@@ -13,34 +15,10 @@ use rayon::prelude::*;
 
 use crate::bvh::Occluders;
 use crate::error::{Error, Result};
+pub use crate::frame::Frame;
+use crate::frame::{self, Solid};
 use crate::mesh::TriMesh;
 use crate::scene::{Entry, Material, Shape};
-
-/// The map between world and local coordinates.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame {
-    /// World position of the local origin.
-    pub origin: DVec3,
-    /// World units in a local unit, a power of two.
-    pub unit: f64,
-}
-
-impl Frame {
-    /// World position to local position.
-    pub fn to_local(&self, p: DVec3) -> DVec3 {
-        (p - self.origin) / self.unit
-    }
-
-    /// World direction or edge vector to local.
-    pub fn vector_to_local(&self, v: DVec3) -> DVec3 {
-        v / self.unit
-    }
-
-    /// Local position to world position.
-    pub fn to_world(&self, p: DVec3) -> DVec3 {
-        p * self.unit + self.origin
-    }
-}
 
 /// The triangles of one entry.
 #[derive(Debug, Clone)]
@@ -95,6 +73,18 @@ impl Geometry {
     /// # Errors
     /// No entries, or more triangles than 32-bit corner ids can count.
     pub fn new(entries: &[Entry], previous: Option<&Geometry>) -> Result<Self> {
+        Self::in_frame(entries, previous, None)
+    }
+
+    /// As [`Geometry::new`], in a given frame.
+    ///
+    /// # Errors
+    /// As of [`Geometry::new`].
+    pub fn in_frame(
+        entries: &[Entry],
+        previous: Option<&Geometry>,
+        frame: Option<Frame>,
+    ) -> Result<Self> {
         if entries.is_empty() {
             return Err(Error::scene("scene", "it has no meshes or spheres"));
         }
@@ -161,14 +151,30 @@ impl Geometry {
             let reason = format!("in f64 all of it lies in the one world point {}", bounds.0);
             return Err(Error::scene("scene", reason));
         }
-        let frame = frame_of(bounds.0, bounds.1);
+        let mut vertices = world.iter();
+        let solids: Vec<Solid> = entries
+            .iter()
+            .map(|e| match &e.shape {
+                Shape::Mesh(mesh, _) => {
+                    Solid::Mesh(vertices.next().map_or(&[], Vec::as_slice), mesh.faces())
+                }
+                Shape::Spheres(spheres) => Solid::Spheres(spheres),
+            })
+            .collect();
+        let mut frame = frame.unwrap_or_else(|| frame::choose(bounds.0, bounds.1, &solids));
+        frame::check(&mut frame, &solids, |entry| {
+            format!("mesh {:?}", entries[entry].name)
+        })?;
         let mut positions = Vec::with_capacity(first_vertex);
+        // In local units, of what the bounds are of.
+        let far = (frame.to_local(bounds.0).abs()).max(frame.to_local(bounds.1).abs());
+        let most = 2.0 * far.max_element().max(1.0);
         for vertices in &world {
             // A vertex that no face uses may lie anywhere; clamped, it stays finite in f32.
             let local = |v: &DVec3| {
                 frame
                     .to_local(*v)
-                    .clamp(DVec3::splat(-2.0), DVec3::splat(2.0))
+                    .clamp(DVec3::splat(-most), DVec3::splat(most))
             };
             positions.par_extend(vertices.par_iter().map(|v| local(v).as_vec3()));
         }
@@ -260,31 +266,25 @@ fn union(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
-/// The frame whose unit is the smallest power of two that puts the bounds into [-1, 1].
-fn frame_of(low: DVec3, high: DVec3) -> Frame {
-    let half = (0.5 * high - 0.5 * low).max_element();
-    let unit = half.log2().ceil().exp2();
-    // `log2` may round down at a power of two.
-    let unit = if unit < half { unit * 2.0 } else { unit };
-    Frame {
-        origin: 0.5 * low + 0.5 * high,
-        unit,
+/// Distance of a point from a triangle.
+pub(crate) fn distance(corners: [DVec3; 3], p: DVec3) -> f64 {
+    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    let mut inside = normal != DVec3::ZERO;
+    let mut nearest = f64::INFINITY;
+    for i in 0..3 {
+        let (a, b) = (corners[i], corners[(i + 1) % 3]);
+        let (along, from) = (b - a, p - a);
+        inside &= normal.cross(along).dot(from) >= 0.0;
+        let squared = along.length_squared();
+        let part = if squared > 0.0 {
+            (from.dot(along) / squared).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        nearest = nearest.min((from - part * along).length());
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_frame_covers_the_bounds_and_its_unit_is_a_power_of_two() {
-        for scale in [1e-30, 1e-6, 0.7, 1.0, 3.0, 1e6, 1e30] {
-            let offset = DVec3::new(1e4, -2e4, 3e3) * scale;
-            let frame = frame_of(offset - scale, offset + DVec3::new(scale, 0.5 * scale, 0.0));
-            let corner = frame.to_local(offset + DVec3::new(scale, 0.0, 0.0));
-            assert!((0.5..=1.0).contains(&corner.x), "{scale}: {corner}");
-            assert_eq!(frame.unit.log2().fract(), 0.0);
-            assert_eq!(frame.to_world(DVec3::ZERO), frame.origin);
-        }
+    if inside {
+        nearest = nearest.min(normal.dot(p - corners[0]).abs() / normal.length());
     }
+    nearest
 }

@@ -17,6 +17,7 @@ pub mod camera;
 mod contour;
 pub mod control;
 pub mod error;
+pub mod frame;
 pub mod geometry;
 pub mod light;
 mod memory;

@@ -145,12 +145,14 @@ impl Receivers {
         order.par_sort_unstable();
         let index: Vec<u32> = order.into_iter().map(|(_, i)| i).collect();
         let normal = |&i: &u32| normals.map_or(DVec3::ZERO, |n| unit(n[i as usize]));
+        // A user knows the surface, and not how far rounding moved it.
+        let position = |i: &u32| local[*i as usize] + normal(i) * (2.0 * frame.rounding);
         let groups = (0..index.len())
             .step_by(GROUP)
             .chain([index.len()])
             .map(|g| g as u32);
         Ok(Receivers {
-            positions: index.par_iter().map(|&i| local[i as usize]).collect(),
+            positions: index.par_iter().map(position).collect(),
             normals: index.par_iter().map(normal).collect(),
             groups: groups.collect(),
             index,

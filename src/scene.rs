@@ -9,7 +9,9 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 
 use crate::error::{Error, Result};
+use crate::frame::for_lights;
 use crate::geometry::Geometry;
+use crate::light::Light;
 use crate::memory;
 use crate::mesh::{TriMesh, check_finite};
 
@@ -61,6 +63,8 @@ pub struct Scene {
     current: Option<Arc<Geometry>>,
     /// A snapshot with the same entries, but for positions: its topology can be refitted.
     previous: Option<Arc<Geometry>>,
+    /// The last snapshot in the frame of lights.
+    around_lights: Option<Arc<Geometry>>,
 }
 
 impl Scene {
@@ -207,7 +211,30 @@ impl Scene {
         Ok(self.current.clone().expect("set above"))
     }
 
+    /// As [`Scene::geometry`], in the frame that `lights` want.
+    ///
+    /// # Errors
+    /// As of [`Scene::geometry`], and a light that the scene is too large for.
+    pub fn geometry_for(&mut self, lights: &[Light]) -> Result<Arc<Geometry>> {
+        let geometry = self.geometry()?;
+        let Some(frame) = for_lights(&geometry, lights)? else {
+            return Ok(geometry);
+        };
+        let is_in =
+            |g: &&Arc<Geometry>| g.frame.origin == frame.origin && g.frame.unit == frame.unit;
+        if let Some(known) = self.around_lights.as_ref().filter(is_in) {
+            return Ok(known.clone());
+        }
+        let built = Geometry::in_frame(&self.entries, Some(&geometry), Some(frame))?;
+        let built = Arc::new(built);
+        // It may want a smaller frame still, but not one that is held.
+        for_lights(&built, lights)?;
+        self.around_lights = Some(built.clone());
+        Ok(built)
+    }
+
     fn moved(&mut self) {
+        self.around_lights = None;
         if let Some(current) = self.current.take() {
             self.previous = Some(current);
         }
@@ -226,6 +253,7 @@ impl Scene {
     fn changed(&mut self) {
         self.current = None;
         self.previous = None;
+        self.around_lights = None;
     }
 
     fn entry_mut(&mut self, name: &str) -> Result<&mut Entry> {

@@ -9,6 +9,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::views::CHUNK;
+use crate::frame::ROUNDED;
 use crate::methods::wedges::contour::Casters;
 use crate::sampling::POINT_OFFSET;
 use crate::simd::{LANES, Lanes, detect, dispatch};
@@ -23,6 +24,19 @@ const BLOCK: usize = 64;
 /// Squared distance behind a triangle at which a vertex rules it out, a part in a million more than is asked for:
 /// coordinates and their products are wrong by 1e-15 at most, which is a part in 10⁸ of it.
 const CLEARLY_BEHIND: f64 = POINT_OFFSET * POINT_OFFSET * (1.0 + 1e-6);
+
+/// Local size of a convex body of few triangles from which on its own back does not keep its front from having
+/// nothing behind it: what is so much larger than the core is a ground, though it may have a thickness.
+const LARGE: f64 = 16.0;
+
+/// Most triangles of such a body.
+const FEW: u32 = 64;
+
+/// What offsets are times of: a position's largest coordinate, at least 1, and no more than makes what surfaces
+/// near a core may be moved by.
+fn reach(p: DVec3) -> f64 {
+    p.abs().max_element().clamp(1.0, ROUNDED / POINT_OFFSET)
+}
 
 /// Squared sine of the angle to a triangle's plane within which rounding might see the eye on either side.
 const EDGE_ON: f64 = 1e-24;
@@ -67,7 +81,8 @@ pub(super) fn with_nothing_behind(casters: &Casters, eye: DVec3) -> Vec<u32> {
         Some((if n.dot(eye - a) < 0.0 { -n } else { n }, a))
     };
     // Less far behind than a receiver has to be to be hidden.
-    let before = |p: DVec3, n: DVec3, a: DVec3| n.dot(p - a) >= -POINT_OFFSET;
+    let before =
+        |p: DVec3, n: DVec3, a: DVec3| n.dot(p - a) >= -POINT_OFFSET * reach(p).max(reach(a));
     let candidate =
         |face: u32| plane(face).is_some_and(|(n, a)| extremes.iter().all(|&p| before(p, n, a)));
     let find = |look: &mut Look, range: Range<u32>| {
@@ -95,7 +110,62 @@ pub(super) fn with_nothing_behind(casters: &Casters, eye: DVec3) -> Vec<u32> {
         };
         positions.iter().all(|p| before(p.as_dvec3(), n, a))
     };
-    candidates.into_par_iter().filter(nothing).collect()
+    let mut found: Vec<u32> = candidates.into_par_iter().filter(nothing).collect();
+    if geometry.frame.is_core {
+        found.extend(slabs(casters, eye));
+        found.sort_unstable();
+        found.dedup();
+    }
+    found
+}
+
+/// Triangles of convex bodies, much larger than the core, that have nothing but their own body behind them: it is
+/// dark there in any case, whether a map holds them or not.
+fn slabs(casters: &Casters, eye: DVec3) -> Vec<u32> {
+    let geometry = casters.geometry();
+    let mut found = Vec::new();
+    for mesh in &geometry.meshes {
+        let faces = mesh.first_face..mesh.first_face + mesh.faces;
+        let cast = casters.face_ranges().any(|r| r.contains(&mesh.first_face));
+        let pairs = mesh.mesh.adjacency().pairs();
+        let closed = pairs.iter().flatten().all(|&f| f < mesh.faces);
+        if mesh.faces > FEW || !cast || !closed {
+            continue;
+        }
+        let corners = |f: u32| geometry.corners(f).map(|v| v.as_dvec3());
+        let own: Vec<DVec3> = faces.clone().flat_map(corners).collect();
+        let size = own.iter().copied().map(reach).fold(0.0, f64::max);
+        let others = || {
+            let used = (0..geometry.faces.len() as u32).filter(|f| !faces.contains(f));
+            used.flat_map(corners)
+        };
+        // Of each triangle the normal to the eye and a corner; none if the body is not convex.
+        let planes: Option<Vec<(DVec3, DVec3)>> = faces
+            .clone()
+            .map(|face| {
+                let [a, b, c] = corners(face);
+                let n = (b - a).cross(c - a).try_normalize()?;
+                // A dent that is deeper, and all of the core, is none of rounding's.
+                let flat = (POINT_OFFSET * size).min(1.0 / 64.0);
+                let (low, high) = own.iter().fold((0.0f64, 0.0f64), |(low, high), p| {
+                    let height = n.dot(*p - a);
+                    (low.min(height), high.max(height))
+                });
+                let n = if n.dot(eye - a) < 0.0 { -n } else { n };
+                (low >= -flat || high <= flat).then_some((n, a))
+            })
+            .collect();
+        let Some(planes) = planes.filter(|_| size > LARGE) else {
+            continue;
+        };
+        for (face, (n, a)) in faces.clone().zip(planes) {
+            let free = |p: DVec3| n.dot(p - a) >= -POINT_OFFSET * reach(p);
+            if others().all(free) {
+                found.push(face);
+            }
+        }
+    }
+    found
 }
 
 /// Corners of triangles that are looked at together.
@@ -158,15 +228,16 @@ unsafe fn look_lanes<S: Lanes>(
         let clear = side * side > EDGE_ON * (squared * to.length_squared());
         (normal[0][i], normal[1][i], normal[2][i]) = (n.x, n.y, n.z);
         limit[i] = if clear {
-            CLEARLY_BEHIND * squared
+            CLEARLY_BEHIND * squared * reach(a).powi(2)
         } else {
             f64::INFINITY
         };
     }
     for &p in extremes {
+        let far = reach(p).powi(2);
         for i in 0..BLOCK {
             let distance = at(&normal, i).dot(p - at(a, i));
-            let behind = (distance < 0.0) & (distance * distance > limit[i]);
+            let behind = (distance < 0.0) & (distance * distance > limit[i] * far);
             out[i] &= !behind;
         }
     }

@@ -69,7 +69,8 @@ pub(super) fn textures(
         _ => Some(true),
     };
     run(py, progress.as_ref(), move |control| {
-        let atlas = Atlas::new(scene.geometry()?, &lights, method.layout, control)?;
+        let geometry = scene.geometry_for(&lights)?;
+        let atlas = Atlas::new(geometry, &lights, method.layout, control)?;
         let mut polygons = Vec::new();
         for (id, patch) in atlas.patches.list.iter().enumerate() {
             let entry = atlas.geometry.mesh_of(patch.faces[0]).entry;

@@ -343,10 +343,7 @@ pub(super) mod kernels {
         let (low, high) = world.bounds();
         let (low, high) = (low.min(p), high.max(p));
         let unit = (high - low).max_element().log2().ceil().exp2();
-        let frame = Frame {
-            origin: 0.5 * (low + high),
-            unit: if unit > 0.0 { unit } else { 1.0 },
-        };
+        let frame = Frame::new(0.5 * (low + high), if unit > 0.0 { unit } else { 1.0 });
         let light = world.to_local(&frame);
         let n = samples as usize;
         let sampler = Sampler::new(light, Pattern::new(n, seed), true);

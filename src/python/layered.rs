@@ -40,7 +40,7 @@ pub(super) fn layered_maps<'py>(
     let world = light.0;
     let scene = scene.shared();
     let (frame, found) = run(py, progress.as_ref(), move |control| {
-        let geometry = scene.geometry()?;
+        let geometry = scene.geometry_for(std::slice::from_ref(&world))?;
         let frame = geometry.frame;
         let light = world.to_local(&frame);
         let casters = Casters::new(kind.name(), geometry, method.takes_transparent())?;

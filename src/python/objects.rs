@@ -62,6 +62,14 @@ impl SharedScene {
     pub(super) fn geometry(&self) -> Result<Arc<Geometry>> {
         self.with(Scene::geometry)
     }
+
+    /// As [`SharedScene::geometry`], in the frame that `lights` want.
+    pub(super) fn geometry_for(&self, lights: &[Light]) -> Result<Arc<Geometry>> {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .geometry_for(lights)
+    }
 }
 
 #[pymethods]

@@ -62,7 +62,7 @@ pub(super) fn prepare(
     let scene = scene.shared();
     run(py, progress.as_ref(), move |control| {
         let start = Instant::now();
-        let geometry = scene.geometry()?;
+        let geometry = scene.geometry_for(&lights)?;
         let geometry_seconds = start.elapsed().as_secs_f64();
         let prepared = far::prepare(&*method, geometry.clone(), &lights, control)?;
         let total = start.elapsed().as_secs_f64();

@@ -25,7 +25,7 @@ pub(super) fn outer_distances<'py>(
     let normals = normals.map(|n| arrays::points(&n, "normals")).transpose()?;
     let (scene, light) = (scene.shared(), light.0);
     let out = run(py, progress.as_ref(), move |control| {
-        let geometry = scene.geometry()?;
+        let geometry = scene.geometry_for(std::slice::from_ref(&light))?;
         let receivers = Receivers::from_points(&geometry.frame, &points, normals.as_deref())?;
         control.expect(receivers.group_count());
         let ready = method.ready(geometry, &[light], control)?;

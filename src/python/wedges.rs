@@ -28,7 +28,7 @@ pub(super) fn wedges<'py>(
     let world = light.0;
     let scene = scene.shared();
     let (frame, found) = run(py, None, move |_| {
-        let geometry = scene.geometry()?;
+        let geometry = scene.geometry_for(std::slice::from_ref(&world))?;
         let frame = geometry.frame;
         let light = world.to_local(&frame);
         let casters = Casters::new("wedges", geometry, true)?;
@@ -88,7 +88,7 @@ pub(super) fn light_intensity<'py>(
     let (world, light) = (camera.0, light.0);
     let scene = scene.shared();
     let flat = run(py, progress.as_ref(), move |control| {
-        let geometry = scene.geometry()?;
+        let geometry = scene.geometry_for(std::slice::from_ref(&light))?;
         let camera = world.to_local(&geometry.frame);
         control.expect(tile_count(&camera) + 2 * most_groups(&camera));
         let (_, receivers) = from_camera(&geometry, &camera, control)?;

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::occluders::{Casting, Gatherer, Occluders, Side, bodies};
 use super::patches::Patches;
 use super::texture::{Texture, drawing_bytes, texture_bytes};
+use super::window;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Geometry, Sphere};
@@ -121,6 +122,21 @@ impl Atlas {
         })
     }
 
+    /// The same with the textures of large polygons where shadows can fall, in a scene that is far larger
+    /// than what casts in it.
+    pub fn fitted(mut self) -> Self {
+        if !self.geometry.frame.is_core {
+            return self;
+        }
+        window::fit(&self.geometry, &mut self.patches, &self.lights);
+        if self.layout.texel.is_none() {
+            let lengths = self.patches.list.iter().flat_map(|p| p.bounds.edges);
+            let largest = lengths.map(DVec3::length).fold(f64::MIN_POSITIVE, f64::max);
+            self.texel = largest / f64::from(self.layout.most_texels);
+        }
+        self
+    }
+
     /// Texels along the edges of a patch.
     pub fn size(&self, patch: u32) -> [u32; 2] {
         self.patches.list[patch as usize].texture_size(self.texel, self.layout.most_texels)
@@ -129,12 +145,27 @@ impl Atlas {
     /// Bytes of textures, and of what drawing them takes for a while.
     ///
     /// # Errors
-    /// More than the method may take, or than there is.
+    /// More than the method may take, or than there is; a polygon on which shadows can fall without bound.
     pub fn check_memory(&self, keys: &[Key], before: usize) -> Result<usize> {
         let radiance = self.layout.radiance;
         let clear = self.geometry.occluders().transparent.is_some() && !self.layout.opaque;
         let (mut bytes, mut drawing) = (before, 0);
         for key in keys {
+            let patch = &self.patches.list[key.patch as usize];
+            if patch.boundless[usize::from(key.front)] {
+                let face = patch.faces[0];
+                let mesh = self.geometry.mesh_of(face);
+                let reason = format!(
+                    "something over triangle {} of entry {} is as high as light {} or as large as that triangle, \
+                     which is much larger than what is small in the scene: no texture holds the shadow; divide \
+                     the triangle, or use a method without textures",
+                    face - mesh.first_face,
+                    mesh.entry,
+                    key.light,
+                );
+                let method = self.layout.names[0];
+                return Err(Error::Unsupported { method, reason });
+            }
             let size = self.size(key.patch);
             let light = &self.lights[key.light as usize];
             bytes = bytes.saturating_add(texture_bytes(size, light, radiance));

@@ -180,13 +180,22 @@ pub struct Reader<'a> {
     light: &'a Light,
     side: Side,
     interpolate: bool,
+    /// Whether there is no shadow outside of the texture.
+    fitted: bool,
     dual: [DVec3; 2],
 }
 
 impl<'a> Reader<'a> {
     /// A reader of a texture that was drawn with `light` and `side`.
-    pub(super) fn new(drawn: &'a Drawn, light: &'a Light, side: Side, interpolate: bool) -> Self {
+    pub(super) fn new(
+        drawn: &'a Drawn,
+        light: &'a Light,
+        side: Side,
+        interpolate: bool,
+        fitted: bool,
+    ) -> Self {
         Reader {
+            fitted,
             drawn,
             light,
             side,
@@ -204,6 +213,12 @@ impl<'a> Reader<'a> {
             // Not a number only where the polygon has no area.
             if t.is_nan() { 0.0 } else { t }
         });
+        let outside = |k: usize| q[k] < 0.0 || q[k] > f64::from(size[k] - 1);
+        if self.fitted && (outside(0) || outside(1)) {
+            let (light, n) = (self.light, self.side.normal);
+            let irradiance = light.unshadowed_irradiance(p, n);
+            return [light.fraction_above(p, n), irradiance].map(|x| x as f32);
+        }
         let [u, v] = [0, 1].map(|k| q[k].clamp(0.0, f64::from(size[k] - 1)));
         if !self.interpolate {
             return self.texel((u + 0.5) as u32, (v + 0.5) as u32);

@@ -7,6 +7,7 @@
 //! - [`transform`]: the 4×4 matrix from a light point's pyramid to the unit box;
 //! - [`occluders`]: what may cast on a polygon, cut at its plane;
 //! - [`texture`]: drawing, averaging, refining;
+//! - `window`: where on a polygon of a very large scene shadows can fall;
 //! - [`atlas`]: the textures of a scene;
 //! - [`lookup`]: what a pixel sees of a texture;
 //! - [`pictures`]: a camera's pictures from textures;
@@ -28,6 +29,7 @@ pub mod patches;
 pub mod pictures;
 pub mod texture;
 pub mod transform;
+mod window;
 
 use std::sync::Arc;
 
@@ -183,7 +185,7 @@ impl Method for Accumulation {
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
-        let atlas = Atlas::new(geometry, lights, self.layout, control)?;
+        let atlas = Atlas::new(geometry, lights, self.layout, control)?.fitted();
         Ok(Box::new(Pictures::new(atlas, *self)))
     }
 }

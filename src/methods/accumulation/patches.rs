@@ -76,6 +76,10 @@ pub struct Patch {
     pub bounds: Parallelogram,
     /// Unit normal, on the side from which its largest triangle is wound counterclockwise.
     pub normal: DVec3,
+    /// Whether the bounds are those of shadows on it, and what is outside is lit.
+    pub fitted: bool,
+    /// Whether shadows can fall anywhere on its back and its front, and no bounds hold them.
+    pub boundless: [bool; 2],
 }
 
 impl Patch {
@@ -168,6 +172,8 @@ impl Patches {
                 faces,
                 bounds,
                 normal,
+                fitted: false,
+                boundless: [false; 2],
             });
         }
         Ok(())

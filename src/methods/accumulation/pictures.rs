@@ -166,7 +166,9 @@ impl<P: Painter> Prepared for Pictures<P> {
         let readers: HashMap<Key, Reader<'_>> = drawn
             .iter()
             .map(|(&key, d)| {
-                let reader = Reader::new(d, light, atlas.side(key), atlas.layout.interpolate);
+                let fitted = atlas.patches.list[key.patch as usize].fitted;
+                let reader =
+                    Reader::new(d, light, atlas.side(key), atlas.layout.interpolate, fitted);
                 (key, reader)
             })
             .collect();

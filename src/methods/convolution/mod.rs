@@ -110,7 +110,7 @@ impl Method for Convolution {
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
         Casters::new(self.name(), geometry.clone(), self.layout.opaque)?;
-        let atlas = Atlas::new(geometry, lights, self.layout, control)?;
+        let atlas = Atlas::new(geometry, lights, self.layout, control)?.fitted();
         Ok(Box::new(Pictures::new(atlas, *self)))
     }
 }

@@ -68,14 +68,8 @@ pub fn frame_around<'a>(light: &Light, maps: impl Iterator<Item = &'a Given>) ->
     };
     let far = maps.map(reach).fold(0.0, f64::max);
     let unit = far.max((high - low).max_element()).log2().ceil().exp2();
-    Frame {
-        origin: center,
-        unit: if unit > 0.0 && unit.is_finite() {
-            unit
-        } else {
-            1.0
-        },
-    }
+    let known = unit > 0.0 && unit.is_finite();
+    Frame::new(center, if known { unit } else { 1.0 })
 }
 
 /// The frame that a user gives.
@@ -86,7 +80,7 @@ pub fn frame_of(origin: [f64; 3], unit: f64) -> Result<Frame> {
     let origin = DVec3::from(origin);
     let power = unit.is_normal() && unit > 0.0 && unit.log2().fract() == 0.0;
     if origin.is_finite() && power {
-        return Ok(Frame { origin, unit });
+        return Ok(Frame::new(origin, unit));
     }
     let reason = format!("expected finite numbers and a power of two, got {origin} and {unit}");
     Err(Error::parameter("origin and unit", reason))
@@ -284,10 +278,7 @@ mod tests {
 
     #[test]
     fn inverse_depths_survive_the_way_to_a_depth_and_back() {
-        let frame = Frame {
-            origin: DVec3::ZERO,
-            unit: 8.0,
-        };
+        let frame = Frame::new(DVec3::ZERO, 8.0);
         for i in 0..100_000u32 {
             let w = f32::from_bits(0x3f00_0000 + 977 * i);
             let depth = frame.unit / f64::from(w);

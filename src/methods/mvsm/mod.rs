@@ -33,7 +33,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
 use crate::receivers::Receivers;
-use crate::sampling::{LightSamples, Pattern, Sampler};
+use crate::sampling::{LightSamples, POINT_OFFSET, Pattern, Sampler};
 use crate::simd::LANES;
 use trace::{Blocker, Parts, Tracer};
 
@@ -146,8 +146,42 @@ struct Views {
     maps: Vec<LayerMap>,
     /// The whole light as each map sees it.
     sources: Vec<Source>,
+    /// Of each map planes, towards the light, that hold all that it shows, if few do.
+    planes: Vec<Vec<(DVec3, f64)>>,
     /// Of every view and group the numbers of its maps.
     groups: Vec<Vec<std::ops::Range<usize>>>,
+}
+
+/// Most planes that a receiver is compared with.
+const MOST_PLANES: usize = 64;
+
+/// The planes of a map's triangles in a scene that is far larger than its core, where one texel may hold all of
+/// the core and depths say nothing; none if they are many, or one has the light on both sides.
+fn planes(geometry: &Geometry, light: &Light, map: &LayerMap) -> Vec<(DVec3, f64)> {
+    let faces = &map.view.faces;
+    if !geometry.frame.is_core || faces.len() > MOST_PLANES {
+        return Vec::new();
+    }
+    let (low, high) = light.bounds();
+    let (center, half) = (0.5 * (low + high), 0.5 * (high - low));
+    let plane = |&face: &u32| {
+        let [a, b, c] = geometry.corners(face).map(|v| v.as_dvec3());
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let height = normal.dot(center - a);
+        let normal = normal * height.signum();
+        (height.abs() > normal.abs().dot(half)).then(|| (normal, normal.dot(a)))
+    };
+    let all: Option<Vec<_>> = faces.iter().map(plane).collect();
+    all.unwrap_or_default()
+}
+
+impl Views {
+    /// Whether a map's triangles are all behind a point, as the light sees it.
+    fn is_before(&self, map: usize, p: DVec3) -> bool {
+        let slack = POINT_OFFSET * p.abs().max_element().max(1.0);
+        let planes = &self.planes[map];
+        !planes.is_empty() && planes.iter().all(|(n, offset)| n.dot(p) - offset >= -slack)
+    }
 }
 
 impl Method for Mvsm {
@@ -209,6 +243,10 @@ impl Method for Mvsm {
             }
             found.push(Views {
                 light: *light,
+                planes: maps
+                    .iter()
+                    .map(|m| planes(casters.geometry(), light, m))
+                    .collect(),
                 sources: maps
                     .iter()
                     .map(|m: &LayerMap| Source::new(light, &m.view.camera))
@@ -257,10 +295,13 @@ impl PreparedMvsm {
         memory: &mut Memory,
     ) -> bool {
         memory.places.clear();
-        memory.places.extend(tracers.iter().map(|t| {
-            let nearest = t.map.view.inverse_near as f32;
-            (t.project(p), nearest)
-        }));
+        memory
+            .places
+            .extend(tracers.iter().enumerate().map(|(map, t)| {
+                let nearest = t.map.view.inverse_near as f32;
+                let nothing = views.is_before(map, p);
+                (t.project(p), if nothing { 0.0 } else { nearest })
+            }));
         let texel =
             |map: usize| f64::from(memory.places[map].0[2].abs()) / tracers[map].map.view.focal;
         memory.bias = match (self.bias, tracers.is_empty()) {
@@ -275,6 +316,9 @@ impl PreparedMvsm {
                 return true;
             }
             let map = maps.start;
+            if memory.places[map].1 == 0.0 {
+                continue;
+            }
             let (of, source) = (&views.maps[map], &views.sources[map]);
             // A view from a point of the light may see a part of it behind the receiver.
             if !source.is_nearer_than(f64::from(memory.places[map].0[2])) {

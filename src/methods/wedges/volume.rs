@@ -10,15 +10,18 @@
 //!
 //! Counting from the eye (*Z-pass*) starts with the layers between the light and the eye itself, found from
 //! the triangles that the segment from the light to the eye crosses; so it is right for a viewer in shadow
-//! or inside an occluder too. Where the eye lies in the plane of a quad, within the rasteriser's near
-//! distance, it has no side, and layers are counted from the other end. Counting from behind the receiver (*Z-fail*, the paper's Section 8) needs the
-//! volumes closed, by the triangles themselves and by their copies at the far end, and no start.
+//! or inside an occluder too. View rays begin at the rasteriser's near plane, though: where a triangle, or the
+//! plane of a quad, comes between that and the eye, some rays begin beyond it and some do not, no one number
+//! is right for all, and layers are counted from the other end. Counting from behind the receiver (*Z-fail*,
+//! the paper's Section 8) needs the volumes closed, by the triangles themselves and by their copies at the far
+//! end, and no start.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::contour::{Casters, Edge};
 use crate::camera::Camera;
+use crate::geometry::distance;
 use crate::mesh::silhouettes::side_of;
 use crate::raster::coverage::{self, Quadrilateral};
 use crate::raster::project;
@@ -67,7 +70,8 @@ impl Quad {
 /// From which end of the view ray layers are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Counting {
-    /// From the eye, starting with the layers over it; from infinity where the eye is on a volume's side.
+    /// From the eye, starting with the layers over it; from infinity where the eye is on a volume's side or
+    /// on a triangle.
     ZPass,
     /// From infinity, the volumes closed by caps.
     ZFail,
@@ -171,8 +175,8 @@ impl Room {
         let mut planes = Vec::new();
         for axis in 0..3 {
             for (sign, limit) in [(-1.0, receivers[0][axis]), (1.0, receivers[1][axis])] {
-                // Coordinates within 2; the slack is far above their rounding and far below a pixel.
-                let limit = sign * limit + 1e-9;
+                // The slack is far above the rounding of coordinates and far below a pixel.
+                let limit = sign * limit + 1e-9 * eye[axis].abs().max(limit.abs()).max(1.0);
                 if sign * eye[axis] < limit {
                     planes.push((axis, sign, limit));
                 }
@@ -234,13 +238,8 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
         ..
     } = view;
     let eye = camera.eye;
-    // A quad seen edge-on by the eye in its plane covers no pixel, but the eye is on neither side of it.
-    let touches = |q: &Quad| {
-        let distance = q.normal.dot(eye) - q.offset;
-        distance.abs() <= NEAR * q.normal.length() * (1.0 + eye.length())
-    };
     let counting = match view.counting {
-        Counting::ZPass if quads.par_iter().any(touches) => Counting::ZFail,
+        Counting::ZPass if touches(casters, quads, camera) => Counting::ZFail,
         other => other,
     };
     let room = (counting == Counting::ZPass).then(|| Room::new(view.receivers, eye));
@@ -307,6 +306,26 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
         }
     }
     drawing
+}
+
+/// Whether the plane of a quad or a triangle comes closer to the eye than the near plane does, in any pixel.
+fn touches(casters: &Casters, quads: &[Quad], camera: &Camera) -> bool {
+    let eye = camera.eye;
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
+    let widest = corners.map(|(x, y)| camera.direction(x, y).length());
+    let near = NEAR * widest.into_iter().fold(1.0 + eye.length(), f64::max);
+    let quad = |q: &Quad| (q.normal.dot(eye) - q.offset).abs() <= near * q.normal.length();
+    let geometry = casters.geometry();
+    let triangle = |face: [u32; 3]| {
+        let corners = face.map(|v| geometry.positions[v as usize].as_dvec3());
+        let low = corners[0].min(corners[1]).min(corners[2]);
+        let high = corners[0].max(corners[1]).max(corners[2]);
+        // Most are far away.
+        let outside = (low - eye).max(eye - high).max_element();
+        outside <= near && distance(corners, eye) <= near
+    };
+    quads.par_iter().any(quad) || casters.faces().any(triangle)
 }
 
 impl Drawing {
@@ -377,7 +396,7 @@ impl Caps {
             let corners = face.map(|v| geometry.positions[v as usize].as_dvec3());
             let side = side_of(corners, center);
             let seen = side_of(corners, camera.eye);
-            if side == 0 || seen == 0 {
+            if side == 0 {
                 continue;
             }
             let layers = |n: i32| {
@@ -388,8 +407,10 @@ impl Caps {
                 }
             };
             // Going away from the eye, a ray enters through the near cap where the eye is on the light's
-            // side; what is found behind the receiver is not over it.
-            add(corners, layers(if seen == side { -1 } else { 1 }), object);
+            // side; what is found behind the receiver is not over it. Seen edge-on it is not entered.
+            if seen != 0 {
+                add(corners, layers(if seen == side { -1 } else { 1 }), object);
+            }
             // The eye is always before the far end.
             add(corners.map(far), layers(1), object);
         }
@@ -432,8 +453,12 @@ fn layers_over(
     let u = axis.any_orthonormal_vector();
     let v = axis.cross(u);
     // Where the segment is seen as a point, a triangle that it crosses surrounds that point; the margin is
-    // far above the rounding of coordinates within 2 and far below a triangle's size.
-    let margin = 1e-12 * (4.0 + eye.length() + center.length());
+    // far above the rounding of coordinates and far below a triangle's size.
+    let positions = geometry.positions.par_iter();
+    let far = positions
+        .map(|p| p.abs().max_element())
+        .reduce(|| 0.0, f32::max);
+    let margin = 1e-12 * (4.0 + eye.length() + center.length() + f64::from(far));
     let seen: Vec<[f64; 2]> = geometry
         .positions
         .par_iter()

@@ -1,0 +1,403 @@
+//! The local frame of a scene: where its origin is, and what its unit is.
+//!
+//! `f32` is relative, so that what is small loses nothing if it is near the origin, however large the rest
+//! is; and what is said in units, such as how far rays start off a surface, has to be small for what is
+//! small. In most scenes the origin is the middle of the bounds, and the unit their half. Where half of what
+//! there is, counted in triangles that weigh as much as they are small, is within a part in [`GAP`] of that (a
+//! house on a plain without end), origin and unit are those of this half, the *core*, and other local
+//! coordinates are large. What is not held even so is an error ([`check`]).
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::geometry::{Geometry, distance};
+use crate::light::Light;
+
+/// The map between world and local coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// World position of the local origin.
+    pub origin: DVec3,
+    /// World units in a local unit, a power of two.
+    pub unit: f64,
+    /// Whether the scene is larger than its core, and local coordinates may be beyond 1.
+    pub is_core: bool,
+    /// How far the rounding of corners moves a surface along its normal (local units), where that may be
+    /// more than of surfaces within 1; otherwise 0.
+    pub rounding: f64,
+}
+
+impl Frame {
+    /// A frame in which all coordinates are within 1.
+    pub fn new(origin: DVec3, unit: f64) -> Frame {
+        Frame {
+            origin,
+            unit,
+            is_core: false,
+            rounding: 0.0,
+        }
+    }
+
+    /// World position to local position.
+    pub fn to_local(&self, p: DVec3) -> DVec3 {
+        (p - self.origin) / self.unit
+    }
+
+    /// World direction or edge vector to local.
+    pub fn vector_to_local(&self, v: DVec3) -> DVec3 {
+        v / self.unit
+    }
+
+    /// Local position to world position.
+    pub fn to_world(&self, p: DVec3) -> DVec3 {
+        p * self.unit + self.origin
+    }
+
+    /// A frame for what is around `origin` within `radius`.
+    fn around(origin: DVec3, radius: f64) -> Frame {
+        Frame {
+            origin,
+            unit: power_above(ROOM * radius),
+            is_core: true,
+            rounding: 0.0,
+        }
+    }
+}
+
+/// How many times larger than its core's unit a scene is that gets a frame of its core: below, offsets of
+/// a few `f32` ulps of the scene are a few hundred-thousandths of the core.
+const GAP: f64 = 64.0;
+
+/// How many radii of the core its unit is: what is around it is looked at as well.
+const ROOM: f64 = 4.0;
+
+/// Most units in a scene: the product of four coordinates is still an `f32`.
+pub const LARGEST: f64 = (1u64 << 30) as f64;
+
+/// Part of its size by which rounding may move an entry's vertices.
+const MOVED: f64 = 1.0 / 8.0;
+
+/// Local units by which rounding may move a surface near the core: a 64th of the core's radius.
+pub(crate) const ROUNDED: f64 = 1.0 / (64.0 * ROOM);
+
+/// Bins along an axis in which a core is looked for.
+const BINS: usize = 1024;
+
+/// Triangles that a task counts.
+const CHUNK: usize = 4096;
+
+/// Triangles of a mesh in world coordinates, or spheres.
+#[derive(Clone, Copy)]
+pub(crate) enum Solid<'a> {
+    /// Vertices and faces.
+    Mesh(&'a [DVec3], &'a [[u32; 3]]),
+    /// Centres and radii.
+    Spheres(&'a [(DVec3, f64)]),
+}
+
+impl<'a> Solid<'a> {
+    fn len(&self) -> usize {
+        match self {
+            Solid::Mesh(_, faces) => faces.len(),
+            Solid::Spheres(spheres) => spheres.len(),
+        }
+    }
+
+    /// Bounds of a triangle or a sphere.
+    fn bounds(&self, i: usize) -> (DVec3, DVec3) {
+        match self {
+            Solid::Mesh(vertices, faces) => {
+                let [a, b, c] = faces[i].map(|v| vertices[v as usize]);
+                (a.min(b).min(c), a.max(b).max(c))
+            }
+            Solid::Spheres(spheres) => {
+                let (center, radius) = spheres[i];
+                (center - radius, center + radius)
+            }
+        }
+    }
+
+    /// Bounds of all.
+    fn all(&self) -> (DVec3, DVec3) {
+        (0..self.len()).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), i| {
+            let (l, h) = self.bounds(i);
+            (low.min(l), high.max(h))
+        })
+    }
+}
+
+/// The smallest power of two that is not below `x`.
+fn power_above(x: f64) -> f64 {
+    let power = x.log2().ceil().exp2();
+    // `log2` may round down at a power of two.
+    if power < x { power * 2.0 } else { power }
+}
+
+/// The frame of a scene within `low` and `high`.
+pub(crate) fn choose(low: DVec3, high: DVec3, solids: &[Solid]) -> Frame {
+    let unit = power_above((0.5 * high - 0.5 * low).max_element());
+    let whole = Frame::new(0.5 * low + 0.5 * high, unit);
+    if !may_have_core(&whole, solids) {
+        return whole;
+    }
+    core(&whole, solids).unwrap_or(whole)
+}
+
+/// What each triangle or sphere weighs: the less the larger it is. What is no more than a point at the scene's
+/// scale has no weight.
+fn weight(whole: &Frame, (low, high): (DVec3, DVec3)) -> f64 {
+    let size = (high - low).max_element() / whole.unit;
+    if size * LARGEST < 1.0 {
+        0.0
+    } else {
+        1.0 / size
+    }
+}
+
+/// Whether half of all weight may be within a core: whether it is along each axis. Cheap, since few scenes
+/// have one.
+fn may_have_core(whole: &Frame, solids: &[Solid]) -> bool {
+    let parts = solids.iter().flat_map(|solid| {
+        let starts = (0..solid.len()).step_by(CHUNK);
+        starts.map(move |start| (solid, start..(start + CHUNK).min(solid.len())))
+    });
+    let parts: Vec<_> = parts.collect();
+    let counted: Vec<Vec<[f64; 3]>> = parts
+        .into_par_iter()
+        .map(|(solid, range)| {
+            let mut bins = vec![[0.0; 3]; BINS];
+            for i in range {
+                let (low, high) = solid.bounds(i);
+                let weight = weight(whole, (low, high));
+                let middle = whole.to_local(0.5 * low + 0.5 * high);
+                for axis in 0..3 {
+                    let bin = (0.5 * (middle[axis] + 1.0) * BINS as f64) as usize;
+                    bins[bin.min(BINS - 1)][axis] += weight;
+                }
+            }
+            bins
+        })
+        .collect();
+    // In this order whatever the number of threads.
+    let mut sums = vec![[0.0; 3]; BINS];
+    for bins in &counted {
+        for (sum, bin) in sums.iter_mut().zip(bins) {
+            (0..3).for_each(|axis| sum[axis] += bin[axis]);
+        }
+    }
+    // Within the core's radius on both sides of its middle, and a bin for where these begin.
+    let width = (BINS as f64 / (GAP * ROOM)) as usize + 2;
+    (0..3).all(|axis| {
+        let all: f64 = sums.iter().map(|s| s[axis]).sum();
+        let within = |window: &[[f64; 3]]| window.iter().map(|s| s[axis]).sum::<f64>();
+        // A part in a million for the sums' rounding.
+        sums.windows(width).any(|w| within(w) >= 0.499_999 * all)
+    })
+}
+
+/// Frame of the core, if there is one.
+fn core(whole: &Frame, solids: &[Solid]) -> Option<Frame> {
+    let mut all: Vec<(DVec3, f64, f64)> = Vec::new();
+    for solid in solids {
+        let of = |i: usize| {
+            let (low, high) = solid.bounds(i);
+            let weight = weight(whole, (low, high));
+            let half = 0.5 * (high - low).max_element();
+            (0.5 * low + 0.5 * high, half, weight)
+        };
+        all.par_extend((0..solid.len()).into_par_iter().map(of));
+    }
+    all.retain(|a| a.2 > 0.0);
+    let origin = DVec3::from_array([0, 1, 2].map(|axis| {
+        let along = all.iter().map(|a| (a.0[axis], a.2));
+        median(along.collect())
+    }));
+    let reach = |a: &(DVec3, f64, f64)| ((a.0 - origin).abs().max_element() + a.1, a.2);
+    let radius = median(all.iter().map(reach).collect());
+    let frame = Frame::around(origin, radius.max(whole.unit / LARGEST));
+    (frame.unit * GAP <= whole.unit).then_some(frame)
+}
+
+/// The value below which there is half of the weight.
+fn median(mut values: Vec<(f64, f64)>) -> f64 {
+    values.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
+    let mut below = 0.0;
+    for (value, weight) in &values {
+        below += weight;
+        if below >= half {
+            return *value;
+        }
+    }
+    values.last().map_or(0.0, |v| v.0)
+}
+
+/// Adds to a frame how far surfaces are moved, and checks that `f32` holds what is called `name`.
+///
+/// # Errors
+/// Vertices that are moved by more than [`MOVED`] of an entry's size; triangles near the core that are moved by
+/// more than [`ROUNDED`].
+pub(crate) fn check(
+    frame: &mut Frame,
+    solids: &[Solid],
+    name: impl Fn(usize) -> String,
+) -> Result<()> {
+    let local = |p: DVec3| frame.to_local(p);
+    let moved = |p: DVec3| local(p).as_vec3().as_dvec3() - local(p);
+    let mut rounding = 0.0f64;
+    for (entry, solid) in solids.iter().enumerate() {
+        let (low, high) = solid.all();
+        let size = (high - low).max_element() / frame.unit;
+        let far = local(low).abs().max(local(high).abs()).max_element();
+        // At most half an ulp; most are far better, and then nothing is to be looked at.
+        if far * f64::from(f32::EPSILON) > MOVED * size {
+            let most = match solid {
+                Solid::Mesh(vertices, faces) => {
+                    let of = |f: &[u32; 3]| {
+                        let d = f.map(|v| moved(vertices[v as usize]).abs().max_element());
+                        d[0].max(d[1]).max(d[2])
+                    };
+                    faces.par_iter().map(of).reduce(|| 0.0, f64::max)
+                }
+                // In f64.
+                Solid::Spheres(_) => 0.0,
+            };
+            if most > MOVED * size && size > 0.0 {
+                let reason = format!(
+                    "at {:.3e} from where most of the scene is, single precision moves its vertices by \
+                     {:.3e}, more than an eighth of its size, {:.3e}; what is so small has to be nearer",
+                    far * frame.unit,
+                    most * frame.unit,
+                    size * frame.unit,
+                );
+                return Err(Error::scene(name(entry), reason));
+            }
+        }
+        let (Solid::Mesh(vertices, faces), true) = (solid, frame.is_core) else {
+            continue;
+        };
+        let of = |f: &[u32; 3]| {
+            let corners = f.map(|v| local(vertices[v as usize]));
+            let [a, b, c] = corners;
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            let normal = (b - a).cross(c - a);
+            let size = (high - low).max_element();
+            let near = low.max_element() <= 1.0 && high.min_element() >= -1.0;
+            // What has no area has no plane that could move.
+            if !near || normal.length() <= 1e-6 * size * size {
+                return 0.0;
+            }
+            let normal = normal.normalize();
+            let along = f.map(|v| normal.dot(moved(vertices[v as usize])).abs());
+            along[0].max(along[1]).max(along[2])
+        };
+        let most = faces.par_iter().map(of).reduce(|| 0.0, f64::max);
+        if most > ROUNDED {
+            let reason = format!(
+                "it is so large that single precision moves its surface by {:.3e}; around what is small in \
+                 the scene {:.3e} are allowed: make it smaller, divide it, or lay it along the axes",
+                most * frame.unit,
+                ROUNDED * frame.unit,
+            );
+            return Err(Error::scene(name(entry), reason));
+        }
+        rounding = rounding.max(most);
+    }
+    frame.rounding = rounding;
+    Ok(())
+}
+
+/// Local size, of itself or of what is between it and the nearest surface, below which a light wants the frame
+/// for itself: offsets would be a few ten-thousandths of it.
+const SMALL_LIGHT: f64 = 1.0 / 1024.0;
+
+/// The frame that lights want instead of the geometry's, if they do: a lamp over a plane without end has
+/// nothing near it but the plane.
+///
+/// # Errors
+/// A light that is moved by more than [`MOVED`] of its size, or of its distance from the nearest surface.
+pub(crate) fn for_lights(geometry: &Geometry, lights: &[Light]) -> Result<Option<Frame>> {
+    let frame = &geometry.frame;
+    let mut least: Option<(f64, DVec3)> = None;
+    for light in lights {
+        let local = light.to_local(frame);
+        let (low, high) = local.bounds();
+        let own = (high - low).max_element();
+        let far = local.center().abs().max_element();
+        let moved = if frame.is_core {
+            far * f64::from(f32::EPSILON)
+        } else {
+            0.0
+        };
+        if own >= SMALL_LIGHT && moved <= MOVED * own {
+            continue;
+        }
+        let size = own.max(clearance(geometry, local.center()));
+        if moved > MOVED * size && size > 0.0 {
+            let reason = format!(
+                "it is {:.3e} from where most of the scene is; there, single precision does not tell \
+                 positions apart that are {:.3e} from each other, its size or distance from the nearest surface",
+                far * frame.unit,
+                size * frame.unit,
+            );
+            return Err(Error::parameter("light", reason));
+        }
+        if size >= SMALL_LIGHT {
+            continue;
+        }
+        // A point that touches something is normal input; what has a size is not in a scene of such a size.
+        if size * LARGEST < extent(geometry) {
+            if own > 0.0 {
+                let reason = format!(
+                    "of its size and its distance from the nearest surface the larger, {:.3e}, is less than a \
+                     billionth of the scene: single precision does not hold both",
+                    size * frame.unit,
+                );
+                return Err(Error::parameter("light", reason));
+            }
+        } else if least.is_none_or(|l| size < l.0) {
+            least = Some((size, light.center()));
+        }
+    }
+    Ok(least.map(|(size, center)| Frame::around(center, size * frame.unit)))
+}
+
+/// Largest local coordinate of anything.
+fn extent(geometry: &Geometry) -> f64 {
+    let points = geometry.positions.par_iter();
+    let largest = points.map(|p| f64::from(p.abs().max_element()));
+    let spheres = geometry.spheres.iter();
+    let spheres = spheres.map(|s| s.center.abs().max_element() + s.radius);
+    spheres.fold(largest.reduce(|| 0.0, f64::max), f64::max)
+}
+
+/// Distance of a point from the nearest surface.
+fn clearance(geometry: &Geometry, p: DVec3) -> f64 {
+    let faces = (0..geometry.faces.len() as u32).into_par_iter();
+    let of = |face: u32| distance(geometry.corners(face).map(|v| v.as_dvec3()), p);
+    let spheres = geometry.spheres.iter();
+    let spheres = spheres.map(|s| ((s.center - p).length() - s.radius).abs());
+    spheres.fold(faces.map(of).reduce(|| f64::INFINITY, f64::min), f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_frame_covers_the_bounds_and_its_unit_is_a_power_of_two() {
+        for scale in [1e-30, 1e-6, 0.7, 1.0, 3.0, 1e6, 1e30] {
+            let offset = DVec3::new(1e4, -2e4, 3e3) * scale;
+            let frame = choose(
+                offset - scale,
+                offset + DVec3::new(scale, 0.5 * scale, 0.0),
+                &[],
+            );
+            let corner = frame.to_local(offset + DVec3::new(scale, 0.0, 0.0));
+            assert!((0.5..=1.0).contains(&corner.x), "{scale}: {corner}");
+            assert_eq!(frame.unit.log2().fract(), 0.0);
+            assert_eq!(frame.to_world(DVec3::ZERO), frame.origin);
+        }
+    }
+}
