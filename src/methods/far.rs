@@ -14,11 +14,12 @@
 //! - Directions from the scene's middle stay. A sphere keeps the cone in which the middle sees it; other points
 //!   see it under an angle that is wrong by its own square over [`NEAR`].
 //!
-//! The light may be at any distance: in `T` it is at `NEAR`. Lengths of the scene change by parts of 1 / `NEAR`, and
-//! with them a method's thresholds.
+//! The light may be at any distance: in `T` it is at `NEAR`, or as near as a scene allows that reaches far beyond its
+//! middle. Lengths of the scene change by parts of 1 / `NEAR`, and with them a method's thresholds.
 //!
-//! Fails where a flat light is seen so nearly edge-on that `1 + α s` changes sign within the scene, and where a camera
-//! lies beyond that; both are errors.
+//! Fails where `1 + α s` all but changes sign within the scene (a flat light that is seen edge-on, a plain of more than
+//! a thousand times what stands on it under a slanting light), and where a camera lies beyond that; both are
+//! errors.
 
 use std::sync::Arc;
 
@@ -42,11 +43,15 @@ const NEAR: f64 = 128.0;
 /// theirs has grown there (`tests/test_far_lights.py`).
 pub const REACH: f64 = 2.0 * NEAR;
 
-/// Most that `α s` may be on the scene, which is within two units of its middle: lengths in it change by no more.
-const MOST_CHANGE: f64 = 0.5;
+/// Distance up to which depths do, at errors of a few thousandths at most: lights are left there, or brought there
+/// where the scene is too large for `NEAR`, as a town on a plain is.
+const DIRECT: f64 = 4096.0;
 
-/// How far from the scene's middle local points may be.
-const SCENE: f64 = 2.0;
+/// Least distance of a brought sphere's outline: four scene sizes, which all of the scene is before.
+const OUTLINE: f64 = 4.0;
+
+/// Least that `1 + α s` may be on the scene: its farthest parts are four times as large there as they are.
+const LEAST_WEIGHT: f64 = 0.25;
 
 /// `method`, ready for a scene and its lights, wherever they are.
 ///
@@ -59,45 +64,53 @@ pub fn prepare(
     control: &Control,
 ) -> Result<Box<dyn Prepared>> {
     let frame = geometry.frame;
-    let is_far = |light: &&Light| distance(&light.to_local(&frame)) > method.reach();
-    if !lights.iter().any(|light| is_far(&light)) {
-        return method.prepare(geometry, lights, control);
-    }
-    let near: Vec<Light> = lights.iter().filter(|l| !is_far(l)).copied().collect();
-    let mut parts = Vec::new();
-    if !near.is_empty() {
-        let prepared = method.prepare(geometry.clone(), &near, control)?;
-        parts.push(Part {
-            moved: None,
-            prepared,
-        });
-    }
+    let most = method.reach().max(DIRECT);
+    let mut near = Vec::new();
+    let mut far = Vec::new();
     let mut places = Vec::with_capacity(lights.len());
-    let mut next_near = 0;
     for light in lights {
-        if !is_far(&light) {
-            places.push((0, next_near));
-            next_near += 1;
+        let local = light.to_local(&frame);
+        if distance(&local) <= method.reach() {
+            places.push((0, near.len()));
+            near.push(*light);
             continue;
         }
-        let local = light.to_local(&frame);
-        let Some((moved, brought)) = Moved::new(&local) else {
-            let reason = format!(
-                "its plane passes within {:.1e} of the scene, {:.1e} away from it: so far away, and edge-on, \
-                 {} cannot tell what hides it",
-                local.normal().unwrap_or_default().dot(local.center()).abs() * frame.unit,
-                local.center().length() * frame.unit,
-                method.name(),
-            );
-            return Err(Error::parameter("light", reason));
-        };
+        match Moved::holding(&local, &geometry, most) {
+            Some(found) => {
+                places.push((1 + far.len(), 0));
+                far.push(found);
+            }
+            None if distance(&local) <= most => {
+                places.push((0, near.len()));
+                near.push(*light);
+            }
+            None => {
+                let reason = format!(
+                    "it is {:.1e} away, and its plane passes close to the scene, or the scene reaches far behind \
+                     its middle as the light sees it: so {} cannot tell what hides the light; \
+                     ray_traced, hard and accumulation can",
+                    local.center().length() * frame.unit,
+                    method.name(),
+                );
+                return Err(Error::parameter("light", reason));
+            }
+        }
+    }
+    if far.is_empty() {
+        return method.prepare(geometry, &near, control);
+    }
+    // The first part is that of near lights, also where there are none.
+    let mut parts = vec![Part {
+        moved: None,
+        prepared: method.prepare(geometry.clone(), &near, control)?,
+    }];
+    for (moved, brought) in far {
+        control.check()?;
         let scene = Arc::new(geometry.mapped(|p| moved.point(p)));
         let world = brought.to_world(&frame);
-        let prepared = method.prepare(scene.clone(), &[world], control)?;
-        places.push((parts.len(), 0));
         parts.push(Part {
+            prepared: method.prepare(scene.clone(), &[world], control)?,
             moved: Some((moved, scene)),
-            prepared,
         });
     }
     Ok(Box::new(PreparedFar {
@@ -124,8 +137,24 @@ struct Moved {
 }
 
 impl Moved {
-    /// For a local light, and the light in it; nothing if the light's plane is too close to the scene.
-    fn new(light: &Light) -> Option<(Moved, Light)> {
+    /// The map that brings a local light as near as a scene allows, and the light in it; nothing beyond `most`.
+    fn holding(light: &Light, geometry: &Geometry, most: f64) -> Option<(Moved, Light)> {
+        let mut brought = NEAR;
+        while brought <= most {
+            let found = Moved::new(light, brought);
+            if let Some((moved, light)) = found
+                && moved.least_weight(geometry) >= LEAST_WEIGHT
+            {
+                return Some((moved, light));
+            }
+            brought *= 2.0;
+        }
+        None
+    }
+
+    /// The map that brings a local light to a distance, and the light in it; nothing if the light's plane goes through
+    /// the scene's middle, or a sphere is as near as large.
+    fn new(light: &Light, brought: f64) -> Option<(Moved, Light)> {
         let center = light.center();
         let distance = center.length();
         // What of the light keeps its directions: a flat light's middle, the outline of a sphere.
@@ -143,10 +172,11 @@ impl Moved {
                 (towards, towards.dot(center), 1.0)
             }
         };
-        let scale = NEAR / distance;
+        let scale = brought / distance;
         // (1 + α s) of the light is 1 / scale.
         let alpha = (1.0 / scale - 1.0) / height;
-        if alpha.is_nan() || alpha.abs() * SCENE > MOST_CHANGE || outline * NEAR < 2.0 * SCENE {
+        // A sphere whose surface is so near that its outline is beside the scene is not far away.
+        if !alpha.is_finite() || outline * brought < OUTLINE {
             return None;
         }
         let moved = Moved {
@@ -173,6 +203,19 @@ impl Moved {
 
     fn weight(&self, p: DVec3) -> f64 {
         1.0 + self.slope.dot(p)
+    }
+
+    /// The least of it on a scene's triangles.
+    fn least_weight(&self, geometry: &Geometry) -> f64 {
+        let of = |f: &[u32; 3]| {
+            let [a, b, c] = f.map(|v| self.weight(geometry.positions[v as usize].as_dvec3()));
+            a.min(b).min(c)
+        };
+        geometry
+            .faces
+            .par_iter()
+            .map(of)
+            .reduce(|| f64::INFINITY, f64::min)
     }
 
     fn point(&self, p: DVec3) -> DVec3 {
@@ -282,9 +325,8 @@ impl Prepared for PreparedFar {
             return prepared.shade(&receivers, number, control);
         }
         let reason = format!(
-            "under a light that is far away it cannot answer for a camera or points more than {:.0} scene sizes \
-             away on the other side of the scene",
-            NEAR / SCENE
+            "under a light that is far away it cannot answer for a camera or points more than {NEAR} scene sizes \
+             away on the other side of the scene"
         );
         Err(Error::Unsupported {
             method: self.method,
@@ -327,7 +369,7 @@ mod tests {
         let towards = DVec3::new(0.3, -0.5, 0.8).normalize();
         let tilted = (-towards + DVec3::new(0.0, 0.4, 0.1)).normalize();
         let light = Light::disk(towards * distance, tilted, 0.1 * distance, [1.0; 3]).unwrap();
-        let (moved, near) = Moved::new(&light).unwrap();
+        let (moved, near) = Moved::new(&light, NEAR).unwrap();
         (light, moved, near)
     }
 
@@ -381,8 +423,10 @@ mod tests {
     }
 
     #[test]
-    fn a_far_light_that_is_seen_edge_on_is_not_brought_near() {
+    fn a_far_light_that_is_seen_edge_on_turns_the_scene_inside_out() {
         let light = Light::disk(DVec3::X * 1e9, DVec3::Z, 1e8, [1.0; 3]).unwrap();
-        assert!(Moved::new(&light).is_none());
+        assert!(Moved::new(&light, NEAR).is_none());
+        let light = Light::disk(DVec3::new(1e9, 0.0, 1.0), -DVec3::Z, 1e8, [1.0; 3]).unwrap();
+        assert!(Moved::new(&light, NEAR).unwrap().0.weight(-DVec3::Z) < 0.0);
     }
 }

@@ -36,7 +36,6 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::far::REACH;
 use super::{Method, Prepared, Shading};
 use crate::control::Control;
 use crate::error::{Error, Result};
@@ -53,6 +52,10 @@ use contour::{Casters, Edge, in_chains};
 use planes::{Construction, Wedge};
 use tangent::tangents;
 use volume::{Counting, Quad, View};
+
+/// Distance of a light up to which wedges are right, in local units: their planes are found in `f64`, which begins to
+/// fail ten times farther away.
+const REACH: f64 = 65536.0;
 
 /// Half-widths of a light, in local units, below which it is a point: the scene's coordinates are not
 /// known any better.
