@@ -11,7 +11,8 @@
 //! middles of its sides, which neighbours on one plane share.
 //!
 //! **Coarser maps.** Where a texel, seen from the receiver, is less than a chosen part of the light, the walk
-//! ends at a coarser level. Each level answers for a band of depths, half-open, so that no surface counts twice. The
+//! ends at a coarser level. Each level answers for a band of depths, half-open, so that no transparent surface counts
+//! twice; opaque ones in two bands where they rise from one into the next, so that none is between them. The
 //! part is larger near the receiver, where the light is seen through little of the map and penumbrae are narrow: else
 //! a finer map would cost a level more, with as much of the receiver's own surface in it as the levels before have.
 //! Where the outline of a body passes, the pieces of the finer levels answer for a band, up to `FINER` levels down.
@@ -486,7 +487,8 @@ impl Walk<'_> {
                 left: Vec4::new(u, u + size, u, u + size),
                 upper: Vec4::new(v, v, v + size, v + size),
                 size,
-                band: [from, to.min(end)],
+                band: [from, to],
+                end,
                 range: [far, Vec4::from_array(quad.high) - w],
             };
             let at = (y as usize * across + x as usize) * self.map.layers;
@@ -512,7 +514,7 @@ impl Walk<'_> {
     ) {
         let k = self.map.layers;
         let w = Vec4::splat(self.w);
-        let [from, to] = four.band.map(Vec4::splat);
+        let [from, to] = [four.band[0], four.band[1].min(four.end)].map(Vec4::splat);
         let mut before = [1.0f32; 4];
         for (i, block) in data.blocks[at..at + k].iter().enumerate() {
             let depths = Vec4::from_array(block.inverse_depth) - w;
@@ -522,7 +524,7 @@ impl Walk<'_> {
                 if ahead == 0 {
                     return;
                 }
-                let active = ahead & depths.cmple(to).bitmask();
+                let active = ahead & four.answers(depths, block);
                 if active != 0 {
                     // SAFETY: the caller enabled the features of `S`.
                     unsafe {
@@ -749,10 +751,34 @@ struct Four {
     left: Vec4,
     upper: Vec4,
     size: f32,
-    /// Depths over the receiver that count.
+    /// Depths over the receiver that this level answers for.
     band: [f32; 2],
+    /// That of the light.
+    end: f32,
     /// Least and largest of what each node holds.
     range: [Vec4; 2],
+}
+
+impl Four {
+    /// Which of four opaque pieces this level answers for. A steep surface rises within a texel of the next level from
+    /// one band into the other: with its middle in this one, that level leaves it out, so that here whatever reaches
+    /// into this band counts. Where both answer, what is hidden is hidden.
+    #[inline(always)]
+    fn answers(&self, depths: Vec4, block: &Block) -> u32 {
+        let end = depths.cmple(Vec4::splat(self.end)).bitmask();
+        let to = Vec4::splat(self.band[1]);
+        let within = depths.cmple(to).bitmask();
+        if within == end {
+            return within;
+        }
+        let [gx, gy] = if self.size > 1.0 {
+            block.coarse_slopes()
+        } else {
+            block.slopes()
+        };
+        let reach = (gx.abs() + gy.abs()) * 0.5;
+        end & (depths - reach).cmple(to).bitmask()
+    }
 }
 
 /// Of 64 samples, so many are attenuated one by one.
