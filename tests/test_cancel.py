@@ -25,7 +25,7 @@ class Stop(Exception):
 
 
 def _working() -> bool:
-    """Whether a call's thread is still there."""
+    """Whether a call's thread is still there; those of its pool, which have numbers, stay."""
 
     def name(task: Path) -> str:
         try:
@@ -33,7 +33,7 @@ def _working() -> bool:
         except OSError:  # it has just ended
             return ""
 
-    return any(name(task).startswith("softshadow") for task in TASKS.iterdir())
+    return any(name(task).strip() == "softshadow" for task in TASKS.iterdir())
 
 
 def _after_interrupt(call, seconds: float) -> float:
