@@ -81,6 +81,9 @@ const MOVED: f64 = 1.0 / 8.0;
 /// Local units by which rounding may move a surface near the core: a 64th of the core's radius.
 pub(crate) const ROUNDED: f64 = 1.0 / (64.0 * ROOM);
 
+/// Twice a triangle's area over its squared size, below which it has no plane.
+const FLAT: f64 = 1e-6;
+
 /// Bins along an axis in which a core is looked for.
 const BINS: usize = 1024;
 
@@ -118,12 +121,29 @@ impl<'a> Solid<'a> {
         }
     }
 
+    /// Whether a triangle has no area to speak of.
+    fn is_flat(&self, i: usize) -> bool {
+        let Solid::Mesh(vertices, faces) = self else {
+            return false;
+        };
+        let [a, b, c] = faces[i].map(|v| vertices[v as usize]);
+        let (low, high) = self.bounds(i);
+        let size = (high - low).max_element();
+        ((b - a) / size).cross((c - a) / size).length() <= FLAT
+    }
+
     /// Bounds of all.
     fn all(&self) -> (DVec3, DVec3) {
-        (0..self.len()).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), i| {
-            let (l, h) = self.bounds(i);
-            (low.min(l), high.max(h))
-        })
+        let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let union = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+        let all = (0..self.len()).into_par_iter().map(|i| self.bounds(i));
+        all.reduce(|| none, union)
+    }
+
+    /// Its size.
+    fn size(&self) -> f64 {
+        let (low, high) = self.all();
+        (high - low).max_element()
     }
 }
 
@@ -144,32 +164,37 @@ pub(crate) fn choose(low: DVec3, high: DVec3, solids: &[Solid]) -> Frame {
     core(&whole, solids).unwrap_or(whole)
 }
 
-/// What each triangle or sphere weighs: the less the larger it is. What is no more than a point at the scene's
-/// scale has no weight.
-fn weight(whole: &Frame, (low, high): (DVec3, DVec3)) -> f64 {
-    let size = (high - low).max_element() / whole.unit;
-    if size * LARGEST < 1.0 {
+/// What each triangle or sphere weighs: the less the larger it is. A part of an entry that is much smaller than the
+/// entry weighs no more than its [`PARTS`]th part, or a speck would outweigh all else; what is no more than a point at
+/// the scene's scale, and what has no area, has no weight.
+fn weight(whole: &Frame, solid: &Solid, entry: f64, i: usize) -> f64 {
+    let (low, high) = solid.bounds(i);
+    let size = (high - low).max_element();
+    if size / whole.unit * LARGEST < 1.0 || solid.is_flat(i) {
         0.0
     } else {
-        1.0 / size
+        whole.unit / size.max(entry / PARTS)
     }
 }
+
+/// Into how many parts an entry may be divided for each to weigh more.
+const PARTS: f64 = 16.0;
 
 /// Whether half of all weight may be within a core: whether it is along each axis. Cheap, since few scenes
 /// have one.
 fn may_have_core(whole: &Frame, solids: &[Solid]) -> bool {
     let parts = solids.iter().flat_map(|solid| {
-        let starts = (0..solid.len()).step_by(CHUNK);
-        starts.map(move |start| (solid, start..(start + CHUNK).min(solid.len())))
+        let (starts, size) = ((0..solid.len()).step_by(CHUNK), solid.size());
+        starts.map(move |start| (solid, size, start..(start + CHUNK).min(solid.len())))
     });
     let parts: Vec<_> = parts.collect();
     let counted: Vec<Vec<[f64; 3]>> = parts
         .into_par_iter()
-        .map(|(solid, range)| {
+        .map(|(solid, size, range)| {
             let mut bins = vec![[0.0; 3]; BINS];
             for i in range {
                 let (low, high) = solid.bounds(i);
-                let weight = weight(whole, (low, high));
+                let weight = weight(whole, solid, size, i);
                 let middle = whole.to_local(0.5 * low + 0.5 * high);
                 for axis in 0..3 {
                     let bin = (0.5 * (middle[axis] + 1.0) * BINS as f64) as usize;
@@ -200,9 +225,10 @@ fn may_have_core(whole: &Frame, solids: &[Solid]) -> bool {
 fn core(whole: &Frame, solids: &[Solid]) -> Option<Frame> {
     let mut all: Vec<(DVec3, f64, f64)> = Vec::new();
     for solid in solids {
+        let size = solid.size();
         let of = |i: usize| {
             let (low, high) = solid.bounds(i);
-            let weight = weight(whole, (low, high));
+            let weight = weight(whole, solid, size, i);
             let half = 0.5 * (high - low).max_element();
             (0.5 * low + 0.5 * high, half, weight)
         };
@@ -285,7 +311,7 @@ pub(crate) fn check(
             let size = (high - low).max_element();
             let near = low.max_element() <= 1.0 && high.min_element() >= -1.0;
             // What has no area has no plane that could move.
-            if !near || normal.length() <= 1e-6 * size * size {
+            if !near || normal.length() <= FLAT * size * size {
                 return 0.0;
             }
             let normal = normal.normalize();

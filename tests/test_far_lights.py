@@ -14,7 +14,7 @@ import softshadow as ss
 from shapes import bumpy, quad
 
 SINE = 0.05
-DISTANCES = (255.0, 270.0, 1e6, 1e12, 1e100)
+DISTANCES = (255.0, 270.0, 1e6, 1e12, 1e60)
 MAPS = ("slsm", "mlsm", "mtsm", "mvsm", "pcf", "deep", "ssoc")
 OTHERS = ("hard", "single_sample", "shadow_volume", "wedges", "accumulation")
 DIRECTIONS = {"above": (0, 0, 1), "slanted": (0.5, 0.3, 0.8)}

@@ -87,7 +87,12 @@ def test_points_under_the_table_are_dark_and_beside_it_lit(method, pose, shape):
 def _image(method, pose, shape, offset, walls):
     scene, turn = _room(pose, walls, 2)
     camera = ss.Camera(
-        turn((0.3, -0.8, 0.5)), turn((0, 0, 0)), up=turn((0, 0, 1)), fov_y_deg=90, width=32, height=32
+        turn((0.3, -0.8, 0.5)),
+        turn((0, 0, 0)),
+        up=turn((0, 0, 1)),
+        fov_y_deg=90,
+        width=32,
+        height=32,
     )
     return ss.render(scene, camera, SHAPES[shape]((0, 0, 2 - offset), turn), method)
 

@@ -87,4 +87,8 @@ def test_filtered_maps_let_light_through_beside_walls_as_their_page_says():
     assert 0.1 < np.abs(housed).mean() < 0.16
     # What is closed is dark, in filtered maps too.
     for method in ("pcf", "deep"):
-        assert not _image("closed", "rect", method).visibility[_image("closed", "rect", method).mask].any()
+        assert (
+            not _image("closed", "rect", method)
+            .visibility[_image("closed", "rect", method).mask]
+            .any()
+        )

@@ -86,8 +86,7 @@ pub fn prepare(
             }
             None => {
                 let reason = format!(
-                    "it is {:.1e} away, and its plane passes close to the scene, or the scene reaches far behind \
-                     its middle as the light sees it: so {} cannot tell what hides the light; \
+                    "it is {:.1e} away, and seen edge-on, or slanting over a scene that reaches far beyond its middle: so {} cannot tell what hides the light; \
                      ray_traced, hard and accumulation can",
                     local.center().length() * frame.unit,
                     method.name(),

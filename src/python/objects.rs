@@ -65,10 +65,7 @@ impl SharedScene {
 
     /// As [`SharedScene::geometry`], in the frame that `lights` want.
     pub(super) fn geometry_for(&self, lights: &[Light]) -> Result<Arc<Geometry>> {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .geometry_for(lights)
+        self.with(|scene| scene.geometry_for(lights))
     }
 }
 

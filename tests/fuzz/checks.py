@@ -405,5 +405,7 @@ _VOLUMES = ("wedges", "shadow_volume")
 # What does not hold yet, by the number of the item; leave out a line to see its failures.
 KNOWN: list[Known] = [
     # All blockers at one depth: walls next to the light (docs/methods/pcf.md).
-    Known("17.7", ("near_reference", "lost_shadow"), ("pcf", "deep"), ("housing", "closed", "slit")),
+    Known(
+        "17.7", ("near_reference", "lost_shadow"), ("pcf", "deep"), ("housing", "closed", "slit")
+    ),
 ]

@@ -17,7 +17,7 @@ use crate::bvh::TriangleBvh;
 use crate::bvh::outline::{Shaft, padded_bounds};
 use crate::geometry::{Geometry, MeshRange};
 use crate::light::Light;
-use crate::sampling::POINT_OFFSET;
+use crate::sampling::{POINT_OFFSET, lift};
 
 /// How far the clipping plane is in front of the receiver's, times the largest coordinate (at least 1): beyond
 /// all corners of the patch itself, and the rounding of the others'.
@@ -199,7 +199,7 @@ impl Gatherer {
             };
             self.search(bvh, &shaft, part);
         }
-        let front = light.normal().map(|m| (m, light.center()));
+        let front = light.normal().map(|m| (m, light.center() + lift(light)));
         let pyramid = pyramid(light, side);
         let (lowest, highest) = heights(light, side);
         // Bodies that do not reach either plane, by more than rounding and the rasteriser's near plane.

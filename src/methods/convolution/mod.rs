@@ -43,6 +43,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
 use crate::light::{Light, Shape};
+use crate::sampling::lifted;
 use kernel::Spread;
 use layers::{HardShadow, Range, Window};
 
@@ -125,7 +126,8 @@ impl Painter for Convolution {
         control: &Control,
     ) -> Result<Contacts> {
         let side = atlas.side(key);
-        let light = &atlas.lights[key.light as usize];
+        // What lies in a flat light's plane is behind it.
+        let light = &lifted(&atlas.lights[key.light as usize]);
         let occluders = atlas.occluders(key, &side, gatherer);
         let mut hidden = Vec::new();
         let eye = eye(light, &side);

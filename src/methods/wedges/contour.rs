@@ -3,13 +3,15 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::{Geometry, MeshRange};
+use crate::light::Light;
 use crate::mesh::silhouettes::silhouette_edges;
+use crate::sampling::lift;
 
 /// A silhouette edge.
 ///
@@ -159,6 +161,18 @@ impl Casters {
         let meshes = &self.geometry.meshes;
         let mesh = &meshes[meshes.partition_point(|m| m.first_vertex <= vertex) - 1];
         mesh.first_vertex + mesh.mesh.components()[(vertex - mesh.first_vertex) as usize]
+    }
+
+    /// Whether a triangle lies in a flat light's plane, up to what samples are moved off the light.
+    pub fn lie_in_plane(&self, light: &Light) -> bool {
+        let Some(normal) = light.normal() else {
+            return false;
+        };
+        let (near, center) = (lift(light).length(), light.center());
+        let in_plane = |p: Vec3| normal.dot(p.as_dvec3() - center).abs() <= near;
+        let geometry = &self.geometry;
+        self.face_ids()
+            .any(|face| geometry.corners(face).into_iter().all(in_plane))
     }
 
     /// The silhouette edges that `center` sees.

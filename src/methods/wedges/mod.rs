@@ -328,9 +328,18 @@ impl PreparedWedges {
         settings: Settings,
         control: &Control,
     ) -> Result<Self> {
-        let local = |l: &Light| lifted(&l.to_local(&geometry.frame));
-        let lights: Vec<Light> = lights.iter().map(local).collect();
+        let frame = geometry.frame;
         let casters = Casters::new(settings.method, geometry, settings.opaque)?;
+        // Only where something lies in its plane, as silhouettes jump where edges pass through the light's centre.
+        let local = |light: &Light| {
+            let light = light.to_local(&frame);
+            if casters.lie_in_plane(&light) {
+                lifted(&light)
+            } else {
+                light
+            }
+        };
+        let lights: Vec<Light> = lights.iter().map(local).collect();
         let mut clock = Instant::now();
         let mut lap = || {
             let seconds = clock.elapsed().as_secs_f64();
