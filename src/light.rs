@@ -114,7 +114,7 @@ impl Light {
         })
     }
 
-    /// The same light in a scene's local coordinates; farther away than [`FARTHEST`], one there that looks the same.
+    /// The same light in a scene's local coordinates; farther away than `FARTHEST`, one there that looks the same.
     pub fn to_local(&self, frame: &Frame) -> Light {
         let distance = frame.to_local(self.center()).length();
         let unit = frame.unit * (distance / FARTHEST).max(1.0);

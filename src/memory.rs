@@ -2,7 +2,7 @@
 //!
 //! Rust ends the process where a vector cannot grow. So large jobs ask for all that they are going to take in one
 //! piece first ([`check`]), and what an estimate has missed comes out of a reserve: the allocator of the bindings
-//! gives it up and notes so ([`set_exhausted`]), and kernels stop at their next step.
+//! gives it up and notes so (`set_exhausted`), and kernels stop at their next step.
 
 use std::cell::Cell;
 use std::mem::{ManuallyDrop, MaybeUninit};
@@ -21,6 +21,7 @@ thread_local! {
 }
 
 /// Says that memory has run out, or that there is some again.
+#[cfg(feature = "python")]
 pub(crate) fn set_exhausted(exhausted: bool) {
     EXHAUSTED.store(exhausted, Ordering::Relaxed);
 }

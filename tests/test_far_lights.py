@@ -1,7 +1,8 @@
 """A light's distance alone changes nothing: whatever it is, pictures stay what they are.
 
-Lights keep their direction and the angle under which the scene sees them, as the sun does. Past a method's reach
-the scene is moved by a projective map (`src/methods/far.rs`), past 10¹² scene sizes lights are put there.
+Lights keep their direction and the angle under which the scene sees them, as the sun does. Past a
+method's reach the scene is moved by a projective map (`src/methods/far.rs`), past 10¹² scene sizes
+lights are put there.
 """
 
 from __future__ import annotations
@@ -78,12 +79,12 @@ def test_no_method_loses_a_shadow_with_distance(method, kind, where):
     usual = _error(method, kind, where, 100)
     for distance in DISTANCES:
         error = _error(method, kind, where, distance)
-        # Measured: at most 1.2 times and 0.0004 more. Texels fall elsewhere, and seen from 100 sizes away the
-        # light's direction differs by 0.01 across the scene.
+        # Measured: at most 1.2 times and 0.0004 more. Texels fall elsewhere, and seen from 100
+        # sizes away the light's direction differs by 0.01 across the scene.
         assert error < 1.2 * usual + 0.0005, (distance, error, usual)
 
 
-@pytest.mark.parametrize("method", ("hard", *MAPS))
+@pytest.mark.parametrize("method", ["hard", *MAPS])
 def test_points_see_far_lights_as_pixels_do(method):
     for kind in ("sphere", "tilted"):
         light = _light(kind, DIRECTIONS["slanted"], 1e12)
@@ -91,8 +92,8 @@ def test_points_see_far_lights_as_pixels_do(method):
         points, normals = image.position[image.mask], image.normal[image.mask]
         at_points = ss.visibility(_scene(), points, normals, light, method)
         apart = np.abs(at_points - image.visibility[image.mask])
-        # Normals are kept in `f32`, and positions of pixels lie on triangles to the last bit; `pcf` and `deep` have
-        # other samples at points, near lights are as far apart (measured: 0.0012).
+        # Normals are kept in `f32`, and positions of pixels lie on triangles to the last bit; `pcf`
+        # and `deep` have other samples at points, near lights are as far apart (measured: 0.0012).
         assert apart.mean() < (0.002 if method in ("pcf", "deep") else 1e-5), kind
 
 

@@ -1,4 +1,4 @@
-"""A flat light in the plane of a ceiling, a wall or a tilted roof: what it is set into hides none of it."""
+"""A flat light in the plane of a ceiling, a wall or a tilted roof: that hides none of it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ POINT_METHODS = {
 }
 CAMERA_METHODS = ("shadow_volume", "wedges", "accumulation", "convolution")
 ULP = 2.0**-52
-# Off the ceiling, into the room where positive: an ulp of the light's height, and half of what is kept of it in `f32`.
+# Off the ceiling, into the room where positive: an ulp of the light's height, and half of what is
+# kept of it in `f32`.
 OFFSETS = (0.0, 2 * ULP, -2 * ULP, 1e-7, -1e-7)
 POSES = {
     "ceiling": (0.0, (0, 0, 1)),
@@ -106,13 +107,13 @@ def test_pictures_of_the_room_are_those_of_the_reference(method, pose, shape):
         exact = "hard" if method == "shadow_volume" else ss.RayTraced(samples=256)
         reference = _image(exact, pose, shape, 0.0, walls)
         error = np.abs(image.visibility - reference.visibility)[reference.mask]
-        # Measured: 0.0067 at most, and of convolution, with one depth for the table, 0.0125. With the ceiling before
-        # the light it was 0.4.
+        # Measured: 0.0067 at most, and of convolution, with one depth for the table, 0.0125. With
+        # the ceiling before the light it was 0.4.
         limit = 0.015 if method == "convolution" else 0.01
         assert error.mean() < limit, (walls, offset, error.mean())
 
 
-@pytest.mark.parametrize("method", ("ray_traced", *POINT_METHODS.values()))
+@pytest.mark.parametrize("method", ["ray_traced", *POINT_METHODS.values()])
 def test_a_ceiling_clearly_before_the_light_hides_all_of_it(method):
     scene, turn = _room("ceiling", True, 1)
     light = _rect((0, 0, 2 + 1e-5), turn)

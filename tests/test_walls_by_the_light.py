@@ -1,6 +1,7 @@
 """Walls close to a light: a lamp in its housing, open below or closed, and a single wall beside it.
 
-Maps see such walls nearly edge-on and from their ends, and what is between light and receiver has no one depth.
+Maps see such walls nearly edge-on and from their ends, and what is between light and receiver has
+no one depth.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ def _error(kind, light, method):
     return (_image(kind, light, method).visibility - reference.visibility)[reference.mask]
 
 
-# Mean and largest error that were measured in the three scenes, and a little more. What remains in layered maps is a
-# line of receivers that see the wall edge-on, by the coarser levels' planes; with `detail=1000` it is gone.
+# Mean and largest error that were measured in the three scenes, and a little more. What remains in
+# layered maps is a line of receivers that see the wall edge-on, by the coarser levels' planes; with
+# `detail=1000` it is gone.
 LIMITS = {
     "wedges": (0.004, 0.03),
     "ssoc": (0.006, 0.05),
@@ -76,8 +78,8 @@ def test_a_closed_housing_leaks_nowhere_with_all_texels_told_apart(light):
 
 
 def test_filtered_maps_let_light_through_beside_walls_as_their_page_says():
-    # All blockers count as if at one depth, the nearest to the light: of a wall that is the light's own, where the
-    # wall hides only what is beyond it.
+    # All blockers count as if at one depth, the nearest to the light: of a wall that is the light's
+    # own, where the wall hides only what is beyond it.
     nearest, mean = (_error("wall", "rect", ss.Pcf(estimate=e)) for e in ("nearest", "mean"))
     assert 0.4 < nearest.max() < 0.6
     assert nearest.min() > -0.05

@@ -51,9 +51,9 @@ class Image:
         work) and the method's own stages.
     bytes : int
         Bytes of the method's own data structures that are kept for further frames: hierarchy, maps,
-        textures. A process grows by more: while maps and textures are built by up to 2.7 times that,
-        with the scene by up to 400 bytes a triangle (measured at a million: 302 for ``hard``, 380
-        for ``ray_traced``), and by 256 bytes a pixel of the image.
+        textures. A process grows by more: while maps and textures are built by up to 2.7 times
+        that, with the scene by up to 400 bytes a triangle (measured at a million: 302 for
+        ``hard``, 380 for ``ray_traced``), and by 256 bytes a pixel of the image.
     """
 
     visibility: npt.NDArray[np.float32]

@@ -12,7 +12,7 @@
 //! - A plane of one height is scaled as a whole. For a flat light `s` is along its normal: it stays the same light, moved
 //!   and scaled, uniform in area.
 //! - Directions from the scene's middle stay. A sphere keeps the cone in which the middle sees it; other points
-//!   see it under an angle that is wrong by its own square over [`NEAR`].
+//!   see it under an angle that is wrong by its own square over `NEAR`.
 //!
 //! The light may be at any distance: in `T` it is at `NEAR`, or as near as a scene allows that reaches far beyond its
 //! middle. Lengths of the scene change by parts of 1 / `NEAR`, and with them a method's thresholds.

@@ -37,7 +37,7 @@ pub struct Layers {
 /// Draws the map of a view; a step a tile.
 ///
 /// # Errors
-/// A map that does not fit into memory, or [`Error::Cancelled`].
+/// A map that does not fit into memory, or [`crate::error::Error::Cancelled`].
 pub fn layer_map(
     view: LayerView,
     casters: &Casters,
