@@ -3,9 +3,9 @@
 //! `f32` is relative, so that what is small loses nothing if it is near the origin, however large the rest
 //! is; and what is said in units, such as how far rays start off a surface, has to be small for what is
 //! small. In most scenes the origin is the middle of the bounds, and the unit their half. Where half of what
-//! there is, counted in triangles that weigh as much as they are small, is within a part in [`GAP`] of that (a
+//! there is, counted in triangles that weigh as much as they are small, is within a part in `GAP` of that (a
 //! house on a plain without end), origin and unit are those of this half, the *core*, and other local
-//! coordinates are large. What is not held even so is an error ([`check`]).
+//! coordinates are large. What is not held even so is an error (`check`).
 
 use glam::DVec3;
 use rayon::prelude::*;
