@@ -216,8 +216,8 @@ fn may_have_core(whole: &Frame, solids: &[Solid]) -> bool {
     (0..3).all(|axis| {
         let all: f64 = sums.iter().map(|s| s[axis]).sum();
         let within = |window: &[[f64; 3]]| window.iter().map(|s| s[axis]).sum::<f64>();
-        // A part in a million for the sums' rounding.
-        sums.windows(width).any(|w| within(w) >= 0.499_999 * all)
+        // A part in a million for the sums' rounding; what is all flat has no core.
+        all > 0.0 && sums.windows(width).any(|w| within(w) >= 0.499_999 * all)
     })
 }
 

@@ -588,7 +588,7 @@ mod tests {
         #[test]
         fn a_light_that_the_tangent_plane_touches_sends_nothing_negative(
             direction in prop::array::uniform3(-1.0..1.0f64), turn in 0.0..TAU, ulps in -8i64..=8,
-            exponent in -12..2i32, radius in prop::sample::select(vec![1e-200, 1e-8, 0.3, 5.0]),
+            exponent in -12..2i32, radius in prop::sample::select(vec![1e-74, 1e-8, 0.3, 5.0]),
         ) {
             let m = DVec3::from(direction).normalize_or(DVec3::Z);
             let e = m.any_orthonormal_vector();
@@ -597,7 +597,7 @@ mod tests {
             for light in [
                 Light::disk(DVec3::ZERO, -m, radius, [1.0; 3]).unwrap(),
                 Light::sphere(DVec3::ZERO, radius, [1.0; 3]).unwrap(),
-                Light::rect(DVec3::ZERO, radius.max(1e-100) * e, m.cross(e), [1.0; 3]).unwrap(),
+                Light::rect(DVec3::ZERO, radius * e, m.cross(e), [1.0; 3]).unwrap(),
             ] {
                 for p in [near, -near, near + 0.5 * rim, DVec3::from(direction)] {
                     // Normals across the direction to the border, and some ulps of it up and down.

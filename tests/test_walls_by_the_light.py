@@ -14,7 +14,7 @@ import softshadow as ss
 import trimesh
 from shapes import quad
 
-CAMERA = ss.Camera((0, -1.8, 1.2), (0, 0.5, 0), fov_y_deg=60, width=64, height=64)
+CAMERA = ss.Camera((0, -1.8, 1.2), (0, 0.5, 0), fov_y_deg=60, width=40, height=40)
 LIGHTS = {
     "rect": ss.RectLight((0, 0, 2), (0, 0.2, 0), (0.2, 0, 0)),
     "disk": ss.DiskLight((0, 0, 2), (0, 0, -1), 0.1),

@@ -39,9 +39,9 @@ use crate::receivers::Receivers;
 /// sixtieth, near enough for depths in `f32`: beyond some 300 `ssoc` begins to tell edges apart from their own surfaces.
 const NEAR: f64 = 128.0;
 
-/// Distance of a light, in local units, from which on maps and wedges are given a nearer one: no error of
-/// theirs has grown there (`tests/test_far_lights.py`).
-pub const REACH: f64 = 2.0 * NEAR;
+/// Distance of a light, in local units, from which on maps are given a nearer one: no error of theirs has grown there
+/// (`tests/test_far_lights.py`); those of `ssoc` have at twice as far.
+pub const REACH: f64 = NEAR;
 
 /// Distance up to which depths do, at errors of a few thousandths at most: lights are left there, or brought there
 /// where the scene is too large for `NEAR`, as a town on a plain is.
