@@ -297,11 +297,14 @@ fn finite(what: &str, values: &[DVec3]) -> Result<()> {
 /// Lengths of which areas and their squares are neither 0 nor infinite in `f64`.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-75..=1e75;
 
+/// Radii of which squares are, as local units may be as large or small.
+const RADII: std::ops::RangeInclusive<f64> = 1e-150..=1e150;
+
 fn check_radius(what: &str, radius: f64) -> Result<()> {
-    if radius == 0.0 || LENGTHS.contains(&radius) {
+    if radius == 0.0 || RADII.contains(&radius) {
         return Ok(());
     }
-    let (least, most) = (LENGTHS.start(), LENGTHS.end());
+    let (least, most) = (RADII.start(), RADII.end());
     let reason =
         format!("radius must be 0 or more, and if more {least:e} to {most:e}, got {radius}");
     Err(Error::parameter(what, reason))
