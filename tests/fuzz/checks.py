@@ -399,8 +399,6 @@ ERROR = {
 # in one soup of 430 cases.
 LOST = dict.fromkeys(METHODS, 0.003) | {"mvsm": 0.02, "ssoc": 0.06, "single_sample": 0.1}
 
-_MAPS = ("slsm", "mlsm", "mtsm", "mvsm", "pcf", "deep")
-_VOLUMES = ("wedges", "shadow_volume")
 
 # What does not hold yet, by the number of the item; leave out a line to see its failures.
 KNOWN: list[Known] = [
