@@ -1,4 +1,4 @@
-"""What keeps the core's floors: no loops of modules, methods apart, every light shape asked for by name."""
+"""What keeps the core's floors: no loops of modules, methods apart, light shapes asked for by name."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _with(method, parameter, value):
 def test_python_and_the_core_have_the_same_ranges(name):
     method = resolve(name)
     for parameter, (low, high) in RANGES.items():
-        if not hasattr(method, parameter):
+        if parameter not in method.parameters():
             continue
         ends = {"max_size": (1, 8192), "samples": (1, 256 if name == "accumulation" else high)}
         for value in ends.get(parameter, (low, high)):
@@ -148,5 +148,5 @@ def test_python_and_the_core_have_the_same_ranges(name):
 
 
 def test_the_core_refuses_a_method_that_is_not_in_its_table():
-    with pytest.raises(ss.ParameterError, match="unknown name 'x'|unknown name \"x\""):
+    with pytest.raises(ss.ParameterError, match='unknown name "x"'):
         _core.Method("x", SimpleNamespace())

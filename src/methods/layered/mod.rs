@@ -171,7 +171,7 @@ impl Layered {
         let settings = &self.settings;
         let resolution = settings
             .resolution
-            .map_or_else(|| choose::resolution(casters), |r| r);
+            .unwrap_or_else(|| choose::resolution(casters));
         let count = match (self.kind, settings.layers) {
             (Kind::Single, _) => 1,
             (_, Some(layers)) => layers as usize,
