@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import _core
+from softshadow.arguments import Vector, as_vector
 from softshadow.checks import frozen, integer, number, numbers
-from softshadow.light import Vector, as_vector
 
 MOST_PIXELS = 65536
 """Along a side of an image."""

@@ -11,9 +11,11 @@ import pandas as pd
 
 from softshadow import checks, metrics
 from softshadow._core import UnsupportedError
+from softshadow.arguments import Bar, Progress
 from softshadow.camera import Camera
+from softshadow.light import LightLike
 from softshadow.methods import Method, MethodLike, RayTraced, method_names, resolve
-from softshadow.render import Image, LightLike, Progress, _Bar, prepare
+from softshadow.render import Image, prepare
 from softshadow.scene import Scene
 
 __all__ = ["DEFAULT_REFERENCE", "Comparison", "compare"]
@@ -112,7 +114,7 @@ def compare(
         raise ValueError("methods: expected at least one")
 
     rows, images, skipped = [], {}, {}
-    with _Bar(progress, "compare") as report:
+    with Bar(progress, "compare") as report:
         steps = _Steps(report, len(chosen) * repeats + 1)
         truth = _reference(scene, camera, light, reference)
         steps.advance()

@@ -5,54 +5,13 @@ Flat lights emit on one side; a sphere emits outwards. Sizes are world units, al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
-
 from softshadow import _core
-from softshadow.checks import number, numbers, points, single
-
-RGB: TypeAlias = "float | tuple[float, float, float] | npt.ArrayLike"
-"""A colour: one number for grey, or three linear RGB values."""
-
-Vector: TypeAlias = "tuple[float, float, float] | npt.ArrayLike"
-"""A point or direction: three finite numbers."""
-
-as_points = points
-
-
-def as_rgb(value: RGB, what: str) -> tuple[float, float, float]:
-    """Return `value` as three non-negative floats that single precision holds.
-
-    Raises
-    ------
-    ValueError, TypeError
-        Otherwise; the message begins with `what`.
-    """
-    array = single(value, what, "a number or 3 linear RGB values")
-    if array.shape not in ((), (3,)):
-        raise ValueError(f"{what}: expected a number or 3 RGB values, got shape {array.shape}")
-    r, g, b = (float(x) for x in np.broadcast_to(array, (3,)))
-    return r, g, b
-
-
-def as_vector(value: Vector, what: str) -> tuple[float, float, float]:
-    """Return `value` as three finite floats.
-
-    Raises
-    ------
-    ValueError, TypeError
-        Otherwise; the message begins with `what`.
-    """
-    array = numbers(value, what, "3 numbers")
-    if array.shape != (3,):
-        raise ValueError(f"{what}: expected 3 numbers, got shape {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{what}: expected finite numbers, got {array.tolist()}")
-    x, y, z = (float(x) for x in array)
-    return x, y, z
+from softshadow.arguments import RGB, Vector, as_rgb, as_vector
+from softshadow.checks import number
 
 
 class _Light:
@@ -177,3 +136,24 @@ class SphereLight(_Light):
 
 Light: TypeAlias = "RectLight | DiskLight | SphereLight"
 """Any of the three light shapes."""
+
+LightLike: TypeAlias = "Light | Sequence[Light]"
+"""One light, or several."""
+
+
+def as_lights(light: LightLike) -> tuple[list[Light], bool]:
+    """Return lights as a list, and whether one was given by itself.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a light nor a sequence of lights.
+    """
+    if isinstance(light, (RectLight, DiskLight, SphereLight)):
+        return [light], True
+    if not isinstance(light, Sequence) or not len(light):
+        raise TypeError(f"light: expected a light or a sequence of lights, got {light!r}")
+    for item in light:
+        if not isinstance(item, (RectLight, DiskLight, SphereLight)):
+            raise TypeError(f"light: expected lights in the sequence, got {type(item).__name__}")
+    return list(light), False

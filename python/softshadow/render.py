@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from tqdm import tqdm
 
 from softshadow import _core, checks
+from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
-from softshadow.light import DiskLight, Light, RectLight, SphereLight, as_points
+from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Method, MethodLike, resolve
 from softshadow.scene import Scene
-
-Progress: TypeAlias = "bool | Callable[[float], None]"
-"""``True`` for a progress bar, or a function that is told the finished fraction (0 to 1)."""
-
-LightLike: TypeAlias = "Light | Sequence[Light]"
-"""One light, or several."""
 
 
 @dataclass(frozen=True)
@@ -68,44 +60,6 @@ class Image:
     bytes: int
 
 
-def _lights(light: LightLike) -> tuple[list[Light], bool]:
-    if isinstance(light, (RectLight, DiskLight, SphereLight)):
-        return [light], True
-    if not isinstance(light, Sequence) or not len(light):
-        raise TypeError(f"light: expected a light or a sequence of lights, got {light!r}")
-    for item in light:
-        if not isinstance(item, (RectLight, DiskLight, SphereLight)):
-            raise TypeError(f"light: expected lights in the sequence, got {type(item).__name__}")
-    return list(light), False
-
-
-class _Bar:
-    """A progress argument as the callback that the kernels take."""
-
-    def __init__(self, progress: Progress, what: str) -> None:
-        self._call = progress if callable(progress) else None
-        self._bar = (
-            tqdm(total=1.0, desc=what, bar_format="{l_bar}{bar}| {elapsed}")
-            if (progress is True)
-            else None
-        )
-
-    def __enter__(self) -> Callable[[float], None] | None:
-        if self._bar is not None:
-            return self._update
-        return self._call
-
-    def _update(self, fraction: float) -> None:
-        assert self._bar is not None
-        self._bar.update(max(0.0, fraction - self._bar.n))
-
-    def __exit__(self, *exception: object) -> None:
-        if self._bar is not None:
-            if exception[0] is None:
-                self._update(1.0)
-            self._bar.close()
-
-
 class Prepared:
     """A method with what it builds once for a scene and its lights; made by `prepare`.
 
@@ -119,10 +73,10 @@ class Prepared:
         if not isinstance(scene, Scene):
             raise TypeError(f"scene: expected softshadow.Scene, got {type(scene).__name__}")
         self._method: Method = resolve(method)
-        lights, self._single = _lights(light)
+        lights, self._single = as_lights(light)
         self._lights = tuple(lights)
         method_core = self.method._to_core()
-        with _Bar(progress, f"{self.method.name}: prepare") as report:
+        with Bar(progress, f"{self.method.name}: prepare") as report:
             self._core: _core.Prepared = _core.prepare(
                 scene._core, [x._core for x in self.lights], method_core, report
             )
@@ -157,7 +111,7 @@ class Prepared:
         """
         if not isinstance(camera, Camera):
             raise TypeError(f"camera: expected softshadow.Camera, got {type(camera).__name__}")
-        with _Bar(progress, f"{self.method.name}: frame") as report:
+        with Bar(progress, f"{self.method.name}: frame") as report:
             raw = self._core.render(camera._core, report)
         visibility = raw["visibility"]
         return Image(
@@ -210,7 +164,7 @@ class Prepared:
             n = checks.numbers(normals, "normals")
             if n.shape != p.shape:
                 raise ValueError(f"normals: expected shape {p.shape} as the points, got {n.shape}")
-        with _Bar(progress, f"{self.method.name}: visibility") as report:
+        with Bar(progress, f"{self.method.name}: visibility") as report:
             result = self._core.visibility(p, n, report)
         return result[0] if self._single else result
 

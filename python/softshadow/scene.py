@@ -14,7 +14,7 @@ import numpy.typing as npt
 import trimesh
 
 from softshadow import _core, checks
-from softshadow.light import RGB, as_rgb
+from softshadow.arguments import RGB, as_faces, as_rgb
 from softshadow.reading import MAX_BYTES, MAX_CORNERS, read
 
 MeshLike: TypeAlias = (
@@ -371,7 +371,7 @@ class Scene:
         ValueError
             If there is no such mesh, or the matrix is not finite, not affine or singular.
         """
-        entry = self._mesh(name)
+        entry = mesh_of(self, name)
         placed = checks.frozen(self._place(name, matrix))
         self._entries[name] = replace(entry, transform=placed)
 
@@ -400,7 +400,7 @@ class Scene:
             If there is no such mesh, the count differs, a coordinate is not finite, or joined
             vertices are torn apart; for curves as `add_curves`.
         """
-        entry = self._mesh(name)
+        entry = mesh_of(self, name)
         v = _as_vertices(vertices, f"mesh {name!r}")
         if isinstance(entry, Curves):
             what = f'curves "{name}"'
@@ -504,12 +504,6 @@ class Scene:
             raise ValueError(f"scene: nothing named {name!r}; it has {list(self._entries)}")
         return entry
 
-    def _mesh(self, name: str) -> Mesh:
-        entry = self._entries.get(name) if isinstance(name, str) else None
-        if not isinstance(entry, Mesh):
-            raise ValueError(f"scene: no mesh named {name!r}; it has {list(self._entries)}")
-        return entry
-
     def _new_name(self, name: str | None, base: str) -> str:
         """Return the name that was given, or a free one; the core refuses one that is taken."""
         if name is not None:
@@ -527,6 +521,20 @@ class Scene:
 
 SIDES = (3, 64)
 """Flat sides that a curve's tube may have."""
+
+
+def mesh_of(scene: Scene, name: str) -> Mesh:
+    """Return a scene's entry that is a mesh, curves included.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    entry = scene._entries.get(name) if isinstance(name, str) else None
+    if not isinstance(entry, Mesh):
+        raise ValueError(f"scene: no mesh named {name!r}; it has {list(scene._entries)}")
+    return entry
 
 
 def _scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
@@ -631,17 +639,6 @@ def _arrays(
         )
     v = _as_vertices(vertices)
     return v, as_faces(faces, "mesh: faces", len(v))
-
-
-def as_faces(faces: npt.ArrayLike, what: str, vertices: int) -> npt.NDArray[np.int64]:
-    """Return a private, contiguous copy of faces; the core checks what they refer to."""
-    last = max(vertices - 1, 0)
-    f = checks.indices(faces, what, f"vertices 0 to {last} ({vertices} vertices)")
-    if f.size == 0:
-        f = f.reshape(0, 3)
-    if f.ndim != 2 or f.shape[1] != 3:
-        raise ValueError(f"{what}: expected shape (F, 3), got {f.shape}")
-    return f
 
 
 def _flatten(scene: trimesh.Scene) -> trimesh.Trimesh:

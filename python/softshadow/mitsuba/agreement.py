@@ -1,7 +1,7 @@
 """Whether an image has the mean that Mitsuba samples: its ray offset, and a test of every pixel.
 
-Public as part of `softshadow.mitsuba`. The test is Mitsuba's own for its renders: a z-test on mean
-and variance with Šidák's correction for the number of pixels.
+The test is Mitsuba's own for its renders: a z-test on mean and variance with Šidák's correction for
+the number of pixels.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy.typing as npt
 
 from softshadow import checks
 from softshadow.camera import Camera
-from softshadow.light import Light
+from softshadow.light import Light, LightLike
 from softshadow.methods import RayTraced
-from softshadow.render import Image, LightLike, prepare, render
+from softshadow.render import Image, prepare, render
 from softshadow.scene import Mesh, Scene
 
 if TYPE_CHECKING:
-    from softshadow.mitsuba import MitsubaImage
+    from softshadow.mitsuba.image import MitsubaImage
 
 __all__ = ["RayOffset", "ZTest", "ray_offset", "sidak", "unshadowed", "z_test"]
 

@@ -2,7 +2,7 @@
 
 Akenine-Möller and Assarsson, Eurographics Workshop on Rendering 2002. Their models are known from
 the pictures only; these have what each figure is about. All are z-up, near unit size and near the
-origin; `softshadow.scenes` has them too.
+origin.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from softshadow.camera import Camera
 from softshadow.scene import Scene
-from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
 __all__ = [
     "acute_triangle",

@@ -15,12 +15,13 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from softshadow import _core, kernels
+from softshadow.arguments import Bar, Progress
+from softshadow.bake.textures import BakedTexture, Polygon, Side
 from softshadow.camera import Camera
-from softshadow.light import Light
+from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Accumulation, Method
-from softshadow.render import LightLike, Prepared, Progress, _Bar, _lights
-from softshadow.scene import Mesh, Scene
-from softshadow.textures import BakedTexture, Polygon, Side
+from softshadow.render import Prepared
+from softshadow.scene import Mesh, Scene, mesh_of
 
 __all__ = [
     "POINT_BYTES",
@@ -74,7 +75,7 @@ def receiver_polygons(
     if side not in ("light", "front", "back"):
         raise ValueError(f"side: expected 'light', 'front' or 'back', got {side!r}")
     entries = [scene.names.index(name) for name in receivers]
-    with _Bar(progress, "bake: layout") as report:
+    with Bar(progress, "bake: layout") as report:
         core = _core.textures(scene._core, [x._core for x in lights], method, entries, side, report)
     out = []
     for i in range(len(core)):
@@ -140,9 +141,9 @@ class Accumulated(Job):
         progress: Progress,
     ) -> None:
         super().__init__()
-        self.lights, self.single = _lights(light)
+        self.lights, self.single = as_lights(light)
         # As they are now: the scene may change before a texture is asked for.
-        self.entries, self.method = {name: scene._mesh(name) for name in receivers}, method
+        self.entries, self.method = {name: mesh_of(scene, name) for name in receivers}, method
         self.core, self.polygons = receiver_polygons(
             scene, self.lights, receivers, method, side, progress
         )
@@ -158,7 +159,7 @@ class Accumulated(Job):
         return self.polygons[i].receiver
 
     def _draw(self, samples: int, progress: Progress) -> None:
-        with _Bar(progress, "bake") as report:
+        with Bar(progress, "bake") as report:
             self.seconds["textures"] += self.core.refine(samples, report)
         self.samples = samples
 
@@ -234,9 +235,9 @@ class AtPoints(Job):
         progress: Progress,
     ) -> None:
         super().__init__()
-        self.lights, self.single = _lights(light)
+        self.lights, self.single = as_lights(light)
         # As they are now: the scene may change before a texture is asked for.
-        self.entries = {c.receiver: scene._mesh(c.receiver) for c in charts}
+        self.entries = {c.receiver: mesh_of(scene, c.receiver) for c in charts}
         self.charts = charts
         prepared = Prepared(scene, self.lights, method, progress)
         self.seconds["prepare"] = prepared.seconds["prepare"]

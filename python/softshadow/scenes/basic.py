@@ -1,15 +1,4 @@
-"""Scenes for tests, the demo and benchmarks: real models from packages, and known answers.
-
-All are z-up, near unit size and near the origin, so that single-precision peers can be compared.
-The models are not part of softshadow; they come with packages that ``pip install`` brings:
-
-- the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
-- Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
-
-The figures of the papers (`softshadow.figures`, `softshadow.gallery`) are built from scratch, and
-so are scenes in which shadow maps go wrong (`softshadow.artifacts`), a tree and a ball of fur;
-those and a statue (`softshadow.dense`) have the triangles that the methods are for.
-"""
+"""Real models on a ground, solids, and scenes with a known answer."""
 
 from __future__ import annotations
 
@@ -19,50 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from softshadow.artifacts import ball, oblique_board, stacked_boards, standing_cylinder
 from softshadow.camera import Camera
-from softshadow.dense import fur_ball, statue, tree
-from softshadow.figures import (
-    acute_triangle,
-    growing_light,
-    landscape,
-    overlapping_boards,
-    two_cylinders,
-    two_lights,
-)
-from softshadow.gallery import aircraft, bunny_and_sphere, fork, two_teapots
 from softshadow.light import RectLight
-from softshadow.models import city_path, missing, stanford_bunny, stanford_bunny_path
 from softshadow.scene import Scene
-from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.models import city_path, missing, stanford_bunny
+from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
-__all__ = [
-    "Setup",
-    "acute_triangle",
-    "aircraft",
-    "ball",
-    "bunny_and_sphere",
-    "bunny_on_plane",
-    "city",
-    "city_path",
-    "closed_solids",
-    "fork",
-    "fur_ball",
-    "growing_light",
-    "half_plane",
-    "landscape",
-    "oblique_board",
-    "overlapping_boards",
-    "stacked_boards",
-    "standing_cylinder",
-    "stanford_bunny_path",
-    "statue",
-    "tilted_sheet",
-    "tree",
-    "two_cylinders",
-    "two_lights",
-    "two_teapots",
-]
+__all__ = ["bunny_on_plane", "city", "closed_solids", "half_plane", "tilted_sheet"]
 
 
 def bunny_on_plane(

@@ -1,6 +1,6 @@
 """What scenes are made of: `Setup`, a light that faces a point, a square.
 
-`softshadow.scenes` and `softshadow.figures` build on it.
+All scenes build on it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,4 @@
-"""`bake`: light and shadow as textures on the things that receive them.
-
-Planar receivers have a texture for each of their polygons, by `Accumulation` or any method that
-answers at points; meshes with texture coordinates have one each, by the latter.
-
-Texture coordinates have their origin at the lower left, arrays their first row on top: the texel in
-row ``r`` and column ``c`` of an (H, W) texture has its centre at
-``u = (c + 1/2) / W, v = 1 - (r + 1/2) / H``.
-"""
+"""`bake` and what it returns."""
 
 from __future__ import annotations
 
@@ -20,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks, images
-from softshadow.baking import (
+from softshadow.arguments import Progress
+from softshadow.bake.sources import (
     POINT_BYTES,
     Accumulated,
     AtPoints,
@@ -29,12 +22,12 @@ from softshadow.baking import (
     receiver_polygons,
     unwrapped_chart,
 )
+from softshadow.bake.textures import BakedTexture, Polygon, Side
+from softshadow.light import LightLike, as_lights
 from softshadow.methods import Accumulation, Method, MethodLike, resolve
-from softshadow.render import LightLike, Progress, _lights
-from softshadow.scene import Mesh, Scene
-from softshadow.textures import BakedTexture, Polygon, Side
+from softshadow.scene import Mesh, Scene, mesh_of
 
-__all__ = ["Bake", "BakedTexture", "Polygon", "bake", "bake_layout"]
+__all__ = ["Bake", "bake", "bake_layout"]
 
 
 class Bake(Sequence[BakedTexture]):
@@ -157,7 +150,7 @@ def _names(scene: Scene, receivers: str | Sequence[str] | None) -> list[str]:
     if not names:
         raise ValueError("receivers: expected at least one name")
     for name in names:
-        if not scene._mesh(name).receives:
+        if not mesh_of(scene, name).receives:
             raise ValueError(f"receivers: mesh {name!r} does not receive (receives=False)")
     return names
 
@@ -212,7 +205,7 @@ def bake_layout(
         As `bake`; also if the textures take more than the method's `memory_limit`.
     """
     names = _names(scene, receivers)
-    lights, _ = _lights(light)
+    lights, _ = as_lights(light)
     layout = _layout_method(resolve(method), texel, max_size)
     core, polygons = receiver_polygons(scene, lights, names, layout, side, False)
     return polygons, core.bytes
@@ -276,7 +269,7 @@ def bake(
     """
     chosen = resolve(method)
     names = _names(scene, receivers)
-    lights, single = _lights(light)
+    lights, single = as_lights(light)
     own = dict(uv or {})
     for name in own:
         if name not in names:
@@ -294,7 +287,7 @@ def bake(
         raise ValueError(f"method {chosen.name!r} needs a camera and cannot bake")
     width, height = checks.size(size, "size", 65536)
     padding = checks.integer(padding, "padding", 0, 65536)
-    unwrapped = {name: _corner_uv(scene._mesh(name), own[name]) for name in own}
+    unwrapped = {name: _corner_uv(mesh_of(scene, name), own[name]) for name in own}
     planar = [name for name in names if name not in own]
     core, polygons = (
         receiver_polygons(scene, lights, planar, layout, side, progress) if planar else (None, [])
@@ -307,5 +300,5 @@ def bake(
         )
     charts = [planar_chart(p, core.mask(i)) for i, p in enumerate(polygons) if core is not None]
     for name, corners in unwrapped.items():
-        charts.append(unwrapped_chart(scene._mesh(name), corners, (width, height), padding))
+        charts.append(unwrapped_chart(mesh_of(scene, name), corners, (width, height), padding))
     return Bake(AtPoints(scene, lights[0] if single else lights, charts, chosen, progress), chosen)

@@ -1,0 +1,130 @@
+"""What several functions take as arguments, and how it is turned into what is stored.
+
+Every conversion copies, and its errors begin with what the value is for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from softshadow import checks
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = [
+    "RGB",
+    "Bar",
+    "Progress",
+    "Vector",
+    "as_faces",
+    "as_mesh",
+    "as_points",
+    "as_rgb",
+    "as_vector",
+]
+
+RGB: TypeAlias = "float | tuple[float, float, float] | npt.ArrayLike"
+"""A colour: one number for grey, or three linear RGB values."""
+
+Vector: TypeAlias = "tuple[float, float, float] | npt.ArrayLike"
+"""A point or direction: three finite numbers."""
+
+Progress: TypeAlias = "bool | Callable[[float], None]"
+"""``True`` for a progress bar, or a function that is told the finished fraction (0 to 1)."""
+
+as_points = checks.points
+
+
+def as_rgb(value: RGB, what: str) -> tuple[float, float, float]:
+    """Return `value` as three non-negative floats that single precision holds.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Otherwise; the message begins with `what`.
+    """
+    array = checks.single(value, what, "a number or 3 linear RGB values")
+    if array.shape not in ((), (3,)):
+        raise ValueError(f"{what}: expected a number or 3 RGB values, got shape {array.shape}")
+    r, g, b = (float(x) for x in np.broadcast_to(array, (3,)))
+    return r, g, b
+
+
+def as_vector(value: Vector, what: str) -> tuple[float, float, float]:
+    """Return `value` as three finite floats.
+
+    Raises
+    ------
+    ValueError, TypeError
+        Otherwise; the message begins with `what`.
+    """
+    array = checks.numbers(value, what, "3 numbers")
+    if array.shape != (3,):
+        raise ValueError(f"{what}: expected 3 numbers, got shape {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{what}: expected finite numbers, got {array.tolist()}")
+    x, y, z = (float(x) for x in array)
+    return x, y, z
+
+
+def as_faces(faces: npt.ArrayLike, what: str, vertices: int) -> npt.NDArray[np.int64]:
+    """Return a private, contiguous copy of faces; the core checks what they refer to."""
+    last = max(vertices - 1, 0)
+    f = checks.indices(faces, what, f"vertices 0 to {last} ({vertices} vertices)")
+    if f.size == 0:
+        f = f.reshape(0, 3)
+    if f.ndim != 2 or f.shape[1] != 3:
+        raise ValueError(f"{what}: expected shape (F, 3), got {f.shape}")
+    return f
+
+
+def as_mesh(
+    vertices: npt.ArrayLike, faces: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Return private, contiguous copies of a mesh's vertices and faces."""
+    v = as_points(vertices, "vertices")
+    return v, as_faces(faces, "faces", len(v))
+
+
+class Bar:
+    """A progress argument as the callback that the kernels take.
+
+    Parameters
+    ----------
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
+    what : str
+        What is being done, beside the bar.
+    """
+
+    def __init__(self, progress: Progress, what: str) -> None:
+        self._call = progress if callable(progress) else None
+        self._bar: Any = None
+        if progress is True:
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=1.0, desc=what, bar_format="{l_bar}{bar}| {elapsed}")
+
+    def __enter__(self) -> Callable[[float], None] | None:
+        if self._bar is not None:
+            return self._update
+        return self._call
+
+    def _update(self, fraction: float) -> None:
+        self._bar.update(max(0.0, fraction - self._bar.n))
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            if kind is None:
+                self._update(1.0)
+            self._bar.close()

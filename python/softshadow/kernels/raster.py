@@ -1,0 +1,55 @@
+"""What a camera sees of a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from softshadow._core import kernels as _kernels
+from softshadow.arguments import as_mesh
+from softshadow.camera import Camera
+
+__all__ = [
+    "rasterize",
+]
+
+_Floats = npt.NDArray[np.float32]
+
+_Ints = npt.NDArray[np.int32]
+
+
+def rasterize(
+    vertices: npt.ArrayLike,
+    faces: npt.ArrayLike,
+    camera: Camera,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[_Ints, _Floats]:
+    """Draw a mesh and return the nearest triangle of every pixel.
+
+    A pixel belongs to a triangle when its centre does; a centre on a shared edge belongs to exactly
+    one of the triangles there.
+
+    Parameters
+    ----------
+    vertices, faces
+        As in `mesh_edges`.
+    camera : Camera
+    progress : callable, optional
+        Is told the finished fraction.
+
+    Returns
+    -------
+    triangle_id : ndarray, shape (H, W), int32
+        -1 where nothing was hit.
+    depth : ndarray, shape (H, W), float32
+        Along the viewing axis, world units; inf where nothing was hit.
+
+    Raises
+    ------
+    ValueError
+        If the mesh is invalid, as in `Scene.add`.
+    """
+    ids, depth = _kernels.rasterize(*as_mesh(vertices, faces), camera._core, progress)
+    return ids, depth
