@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+EXTRAS := plot,metrics,io,cli,bake,scenes,mitsuba
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
 .PHONY: demo test lint bench fuzz clean
@@ -17,7 +18,7 @@ $(VENV)/.tools: pyproject.toml requirements-dev.txt
 
 $(STAMP): $(VENV)/.tools $(SOURCES)
 	$(BIN)/python -m pip install --quiet "maturin>=1.9.4,<2"
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet --extras $(EXTRAS)
 	touch $@
 
 ## Renders the Stanford bunny's soft shadows with every method into demo/.

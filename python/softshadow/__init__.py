@@ -11,7 +11,11 @@ Conventions: right-handed world space, world units for all sizes, arrays indexed
 row 0 on top, *visibility* is 1 where fully lit and 0 in the umbra.
 """
 
-from softshadow import kernels, metrics, mitsuba, plot, scenes
+from importlib import import_module as _import_module
+from types import ModuleType as _ModuleType
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
+from softshadow import kernels, metrics
 from softshadow._core import (
     OutOfMemoryError,
     ParameterError,
@@ -44,6 +48,9 @@ from softshadow.methods import (
 from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Curves, Mesh, Scene, Spheres
+
+if _TYPE_CHECKING:
+    from softshadow import mitsuba, plot, scenes
 
 __all__ = [
     "Accumulation",
@@ -97,3 +104,14 @@ __all__ = [
     "threads",
     "visibility",
 ]
+
+
+def __getattr__(name: str) -> _ModuleType:
+    """Import what few programs use, and what takes long, when it is used."""
+    if name in ("mitsuba", "plot", "scenes"):
+        return _import_module(f"softshadow.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -14,17 +14,20 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 
 from softshadow import checks
 from softshadow._core import __version__
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.framing import add_ground, camera_for, light_for
 from softshadow.images import check_path, write
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import Method, method_names, resolve
 from softshadow.render import render as render_image
 from softshadow.scene import Scene
+
+with needs("cli", "the command softshadow"):
+    import typer
 
 _INTERRUPTED = 130
 _USER_ERROR = 2

@@ -5,18 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from softshadow import checks, metrics
 from softshadow._core import UnsupportedError
 from softshadow.arguments import Bar, Progress
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.light import LightLike
 from softshadow.methods import Method, MethodLike, RayTraced, method_names, resolve
 from softshadow.render import Image, prepare
 from softshadow.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["DEFAULT_REFERENCE", "Comparison", "compare"]
 
@@ -101,6 +105,11 @@ def compare(
         If a method is unknown, listed twice or (when listed) cannot do the scene, the camera sees
         no surface, or the reference's size is not the camera's.
     """
+    with needs("metrics", "compare"):  # all of them now, rather than after the last picture
+        import flip_evaluator  # noqa: F401
+        import pandas as pd
+        import skimage.metrics  # noqa: F401
+
     repeats = checks.integer(repeats, "repeats", 1, 1_000_000)
     if isinstance(methods, (str, Method)):
         raise TypeError("methods: expected a sequence of methods; put a single one in a list")

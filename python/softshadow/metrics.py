@@ -14,16 +14,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import flip_evaluator
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
-from skimage.metrics import structural_similarity
 
 from softshadow import checks
+from softshadow.extras import needs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import pandas as pd
 
 __all__ = [
     "PENUMBRA_TOLERANCE",
@@ -123,6 +123,9 @@ def ssim(
     ValueError
         If the image is too small, or `where` selects nothing but border.
     """
+    with needs("metrics", "ssim"):
+        from skimage.metrics import structural_similarity
+
     margin = _SSIM_WINDOW // 2
     values = []
     for a, b, chosen in _layers(image, reference, where):
@@ -155,6 +158,9 @@ def flip(
     where : array_like of bool, optional
         The pixels that count; all, when not given.
     """
+    with needs("metrics", "flip"):
+        import flip_evaluator
+
     values = []
     for a, b, chosen in _layers(image, reference, where):
         test, truth = (
@@ -220,6 +226,9 @@ def confusion(
         Rows (axis named ``reference``) and columns (axis named ``image``) are ``umbra``,
         ``penumbra``, ``lit``; the diagonal is agreement.
     """
+    with needs("metrics", "confusion"):
+        import pandas as pd
+
     a, b, chosen = _pair(image, reference, where)
     kinds = ["umbra", "penumbra", "lit"]
     cell = 3 * _classes(b, tolerance, chosen)[chosen] + _classes(a, tolerance, chosen)[chosen]

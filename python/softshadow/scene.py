@@ -7,15 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from softshadow import _core, checks
 from softshadow.arguments import RGB, as_faces, as_rgb
-from softshadow.reading import MAX_BYTES, MAX_CORNERS, read
+from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
+
+if TYPE_CHECKING:
+    import trimesh
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
@@ -622,14 +624,8 @@ def _arrays(
             if str(error).startswith(str(mesh)):
                 raise
             raise ValueError(f"{mesh}: {error}") from None
-    if isinstance(mesh, trimesh.Scene):
-        mesh = _flatten(mesh)
-    if isinstance(mesh, trimesh.PointCloud):
-        raise ValueError(
-            f"mesh: a point cloud of {len(mesh.vertices)} points, where triangles are needed"
-        )
-    if isinstance(mesh, trimesh.Trimesh):
-        vertices, faces = mesh.vertices, mesh.faces
+    if (arrays := from_trimesh(mesh)) is not None:
+        vertices, faces = arrays
     elif isinstance(mesh, tuple) and len(mesh) == 2:
         vertices, faces = mesh
     else:
@@ -639,11 +635,3 @@ def _arrays(
         )
     v = _as_vertices(vertices)
     return v, as_faces(faces, "mesh: faces", len(v))
-
-
-def _flatten(scene: trimesh.Scene) -> trimesh.Trimesh:
-    parts = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
-    if not parts:
-        kinds = sorted({type(g).__name__ for g in scene.geometry.values()})
-        raise ValueError(f"mesh: the trimesh.Scene has no triangle meshes, only {kinds}")
-    return trimesh.util.concatenate(parts)

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from softshadow import _core, kernels
 from softshadow.arguments import Bar, Progress
 from softshadow.bake.textures import BakedTexture, Polygon, Side
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Accumulation, Method
 from softshadow.render import Prepared
@@ -341,6 +341,9 @@ def unwrapped_chart(
     normals[mask] = cross[face] / length[face, None]
     source = None
     if padding and not mask.all():
+        with needs("bake", "padding texture coordinates' textures"):
+            from scipy import ndimage
+
         distance, nearest = ndimage.distance_transform_edt(~mask, return_indices=True)
         own = np.indices(mask.shape)
         place = np.where(distance <= padding, nearest, own)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from softshadow import checks
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.light import Light, LightLike
 from softshadow.methods import RayTraced
 from softshadow.render import Image, prepare, render
@@ -204,7 +205,8 @@ def z_test(
     ValueError
         If shapes differ or no pixel is left to test.
     """
-    from scipy.stats import t as student
+    with needs("mitsuba", "z_test"):
+        from scipy.stats import t as student
 
     own = checks.numbers(image, "image")
     if own.shape != reference.radiance.shape:

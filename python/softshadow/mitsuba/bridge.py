@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.light import DiskLight, Light, LightLike, SphereLight, as_lights
 from softshadow.mitsuba.image import MitsubaImage
 from softshadow.scene import Mesh, Scene
@@ -35,12 +36,9 @@ digits."""
 
 
 def _import() -> ModuleType:
-    try:
+    with needs("mitsuba", "softshadow.mitsuba"):
         import mitsuba
-    except ImportError as error:
-        raise ImportError(
-            "softshadow.mitsuba needs Mitsuba 3: pip install softshadow[mitsuba]"
-        ) from error
+
     module: ModuleType = mitsuba
     return module
 

@@ -15,7 +15,14 @@ import trimesh
 from softshadow.camera import Camera
 from softshadow.scene import Scene
 from softshadow.scenes.models import stanford_bunny
-from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.staging import (
+    PLANE_ALBEDO,
+    LightKind,
+    Setup,
+    light_towards,
+    square,
+    with_normals_outwards,
+)
 from softshadow.scenes.wedges_paper import teapot, tube
 
 __all__ = ["aircraft", "bunny_and_sphere", "fork", "two_teapots"]
@@ -175,8 +182,7 @@ def _blade(outline: npt.ArrayLike, thick: float) -> trimesh.Trimesh:
     mesh = trimesh.Trimesh(
         np.vstack([low, high]), np.vstack([fan[:, ::-1], fan + n, *walls]), process=False
     )
-    trimesh.repair.fix_normals(mesh)
-    return mesh
+    return with_normals_outwards(mesh)
 
 
 def _over_ground() -> Scene:

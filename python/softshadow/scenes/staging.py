@@ -12,8 +12,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.scene import Scene
 
@@ -81,3 +83,10 @@ def square(half: float, z: float = 0.0) -> tuple[npt.NDArray[np.float64], npt.ND
     h = half
     vertices = np.array([[-h, -h, z], [h, -h, z], [h, h, z], [-h, h, z]])
     return vertices, np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def with_normals_outwards(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Turn a closed mesh's faces outwards, and return it."""
+    with needs("scenes", "this scene"):
+        mesh.fix_normals()
+    return mesh
