@@ -9,7 +9,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 
-use super::objects::{AccumulationParameters, PyLight, PyScene};
+use super::methods::accumulation::AccumulationParameters;
+use super::objects::{PyLight, PyScene};
 use super::pool::{self, Origin};
 use super::{arrays, run, step};
 use crate::control::Control;

@@ -7,7 +7,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{points as read_points, set_camera};
-use super::objects::{LayeredParameters, PyCamera, PyLight, PyScene, choice};
+use super::methods::layered::LayeredParameters;
+use super::objects::{PyCamera, PyLight, PyScene};
+use super::parse::choice;
 use super::render::scatter;
 use super::run;
 use crate::error::Result;

@@ -4,9 +4,10 @@
 //!   Ctrl-C and reports progress;
 //! - [`pool`]: the threads that kernels run on, also in a process that was forked;
 //! - [`arrays`]: NumPy arrays to vectors of points and back;
-//! - [`filtered`]: the parameters of the rivals of ray-traced layered maps;
 //! - [`layered`]: ray-traced layered maps;
-//! - [`objects`]: scene, camera, light and method objects;
+//! - [`methods`]: the methods' parameters, and the table of methods;
+//! - [`objects`]: scene, camera and light objects;
+//! - [`parse`]: names and numbers that users write;
 //! - [`render`]: preparing and rendering;
 //! - [`kernels`]: the pieces, as functions from arrays to arrays;
 //! - [`accumulation`]: receiver polygons' textures;
@@ -17,10 +18,11 @@
 mod accumulation;
 mod allocator;
 mod arrays;
-mod filtered;
 mod kernels;
 mod layered;
+mod methods;
 mod objects;
+mod parse;
 mod pool;
 mod render;
 mod single_sample;
@@ -196,7 +198,9 @@ mod _core {
     #[pymodule_export]
     use super::accumulation::{PyTextures, textures};
     #[pymodule_export]
-    use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
+    use super::methods::PyMethod;
+    #[pymodule_export]
+    use super::objects::{PyCamera, PyLight, PyScene};
     #[pymodule_export]
     use super::render::{PyPrepared, prepare};
     #[pymodule_export]

@@ -10,7 +10,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 
-use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
+use super::methods::PyMethod;
+use super::objects::{PyCamera, PyLight, PyScene};
 use super::pool::{self, Origin};
 use super::{arrays, run};
 use crate::camera::Camera;

@@ -3,7 +3,9 @@
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::objects::{PyLight, PyScene, SingleSampleParameters, parse_falloff};
+use super::methods::single_sample::SingleSampleParameters;
+use super::objects::{PyLight, PyScene};
+use super::parse::parse_falloff;
 use super::{arrays, run};
 use crate::error::Error;
 use crate::methods::single_sample::SingleSample;

@@ -6,7 +6,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::set_camera;
-use super::objects::{PyLight, PyScene, SsocParameters};
+use super::methods::ssoc::SsocParameters;
+use super::objects::{PyLight, PyScene};
 use super::run;
 use crate::geometry::Frame;
 use crate::methods::ssoc::maps::Maps;

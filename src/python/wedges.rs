@@ -5,7 +5,8 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::objects::{PyCamera, PyLight, PyScene, WedgeParameters, parse_construction};
+use super::methods::wedges::{WedgeParameters, parse_construction};
+use super::objects::{PyCamera, PyLight, PyScene};
 use super::{arrays, run};
 use crate::geometry::Frame;
 use crate::methods::wedges::contour::Casters;

@@ -1,13 +1,13 @@
-//! The parameters of the rivals of ray-traced layered maps; documented in `softshadow/methods.py`.
+//! The rivals of ray-traced layered maps.
 
 use pyo3::prelude::*;
 
-use super::objects::{choice, parse_opaque};
 use crate::error::Result;
 use crate::methods::filtered::deep::DeepShadow;
 use crate::methods::filtered::pcf::Pcf;
 use crate::methods::filtered::{Estimate, Settings};
 use crate::methods::mvsm::Mvsm;
+use crate::python::parse::{choice, parse_opaque};
 
 /// Attributes of `softshadow.Pcf`.
 #[derive(FromPyObject)]
