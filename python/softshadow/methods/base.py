@@ -41,8 +41,6 @@ class Method:
     """Whether opacities below 1 are honoured."""
     points: ClassVar[bool] = False
     """Whether it answers at a user's own points, without a camera."""
-    needs_area: ClassVar[bool] = False
-    """Whether a light of size zero is an error."""
 
     def __post_init__(self) -> None:
         """Check the parameters and store them as plain numbers, flags and text."""
