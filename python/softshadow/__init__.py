@@ -49,6 +49,9 @@ from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Curves, Mesh, Scene, Spheres
 
+for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
+    _error.__module__ = __name__  # where users and pickles find them
+
 if _TYPE_CHECKING:
     from softshadow import mitsuba, plot, scenes
 

@@ -92,31 +92,72 @@ def as_mesh(
 
 
 class Bar:
-    """A progress argument as the callback that the kernels take.
+    """A progress argument as the callback that the kernels take; one for every call of a user's.
+
+    Within a ``with`` block the callback is told 0, what the kernels say, and 1 at the end, never
+    less than before. A bar is closed and gone when the block ends, however it ends.
 
     Parameters
     ----------
-    progress : bool or callable
+    progress : bool or callable, or None
         ``True`` for a progress bar, or a function that is told the finished fraction.
     what : str
         What is being done, beside the bar.
+
+    Raises
+    ------
+    TypeError
+        If `progress` is anything else.
     """
 
-    def __init__(self, progress: Progress, what: str) -> None:
-        self._call = progress if callable(progress) else None
+    def __init__(self, progress: Progress | None, what: str) -> None:
+        self._call: Callable[[float], object] | None = None
         self._bar: Any = None
-        if progress is True:
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=1.0, desc=what, bar_format="{l_bar}{bar}| {elapsed}")
+        self._shown = False
+        if callable(progress):
+            self._call = progress
+        elif isinstance(progress, (bool, np.bool_)):
+            self._shown = bool(progress)
+        elif progress is not None:
+            got = checks.shown(progress)
+            raise TypeError(f"progress: expected True, False or a function, got {got}")
+        self._what = what
+        self._told = 0.0
 
     def __enter__(self) -> Callable[[float], None] | None:
-        if self._bar is not None:
-            return self._update
-        return self._call
+        if self._shown:
+            from tqdm.auto import tqdm
 
-    def _update(self, fraction: float) -> None:
-        self._bar.update(max(0.0, fraction - self._bar.n))
+            layout = "{l_bar}{bar}| {elapsed}"
+            self._bar = tqdm(total=1.0, desc=self._what, bar_format=layout, leave=False)
+        elif self._call is None:
+            return None
+        self._report(0.0)
+        return self._report
+
+    def part(self, start: float, end: float, what: str) -> Progress:
+        """Return the progress argument of a call that does a part of the work.
+
+        Parameters
+        ----------
+        start, end : float
+            Which part, as fractions of the whole.
+        what : str
+            What is being done, beside the bar.
+        """
+        if self._bar is not None:
+            self._bar.set_description(what)
+        elif self._call is None:
+            return False
+        # Of a fraction of 1, rounding might make a little less or more than the end.
+        return lambda x: self._report(end if x >= 1 else start + (end - start) * x)
+
+    def _report(self, fraction: float) -> None:
+        self._told = float(min(max(self._told, fraction), 1.0))
+        if self._bar is not None:
+            self._bar.update(self._told - self._bar.n)
+        elif self._call is not None:
+            self._call(self._told)
 
     def __exit__(
         self,
@@ -124,7 +165,9 @@ class Bar:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if self._bar is not None:
-            if kind is None:
-                self._update(1.0)
-            self._bar.close()
+        try:
+            if kind is None and self._told < 1.0:
+                self._report(1.0)
+        finally:
+            if self._bar is not None:
+                self._bar.close()

@@ -23,6 +23,8 @@ MOST_PIXELS = 65536
 class Camera:
     """A pinhole camera that looks from `eye` to `target`; it cannot be changed.
 
+    Cameras with the same matrices and size are equal.
+
     Parameters
     ----------
     eye, target : array_like, shape (3,)
@@ -134,6 +136,17 @@ class Camera:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Camera.from_matrix, (self.K, self.camera_to_world, self.width, self.height)
+
+    def _key(self) -> tuple[bytes, bytes, int, int]:
+        # Adding 0 makes a negative zero a positive one, which it equals.
+        matrices = ((m + 0.0).tobytes() for m in (self.K, self.camera_to_world))
+        return (*matrices, self.width, self.height)  # type: ignore[return-value]
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Camera) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
 
     def __copy__(self) -> Camera:
         return self

@@ -7,8 +7,6 @@ into a figure of your own (and show it in a window), pass its ``ax``.
 
 from __future__ import annotations
 
-from functools import cache
-from io import BytesIO
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 
 import numpy as np
@@ -27,21 +25,6 @@ What: TypeAlias = Literal["visibility", "radiance"]
 """Which of an image's arrays to look at."""
 
 __all__ = ["compare", "show"]
-
-
-@cache
-def _figure_class() -> type[Figure]:
-    """Return a class of figures that Jupyter can show although pyplot does not know them."""
-    with needs("plot", "softshadow.plot"):
-        from matplotlib.figure import Figure
-
-    class OwnFigure(Figure):
-        def _repr_png_(self) -> bytes:
-            buffer = BytesIO()
-            self.savefig(buffer, format="png", bbox_inches="tight")
-            return buffer.getvalue()
-
-    return OwnFigure
 
 
 def show(
@@ -190,7 +173,10 @@ def _figure(shape: tuple[int, ...], panels: int) -> Figure:
     width = side * min(1.0, 1.0 / aspect) + 0.3
     height = side * min(1.0, aspect) + (0.4 if panels == 1 else 1.0)
     extra = 0.0 if panels == 1 else 0.8  # the colour bar
-    return _figure_class()(figsize=(panels * width + extra, height), layout="constrained")
+    with needs("plot", "softshadow.plot"):
+        from softshadow.figure import OwnFigure
+
+    return OwnFigure(figsize=(panels * width + extra, height), layout="constrained")
 
 
 def _draw(ax: Axes, pixels: npt.NDArray[np.float64], exposure: float | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +13,14 @@ from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
 from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Method, MethodLike, resolve
-from softshadow.scene import Scene
+from softshadow.scene import Mesh, Scene, Spheres, scene_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Image:
     """What `render` returns; arrays are indexed ``[y, x]``, row 0 on top.
+
+    An image equals itself only: compare its arrays.
 
     Attributes
     ----------
@@ -64,7 +67,8 @@ class Prepared:
     """A method with what it builds once for a scene and its lights; made by `prepare`.
 
     It sees the scene as it was when it was prepared: what is done to the scene later changes
-    nothing here.
+    nothing here. On the other side of a process boundary it is prepared again, with the same bits.
+    It cannot be changed, so copies are the same object, and it equals itself only.
     """
 
     def __init__(
@@ -75,11 +79,22 @@ class Prepared:
         self._method: Method = resolve(method)
         lights, self._single = as_lights(light)
         self._lights = tuple(lights)
+        self._entries = scene.entries
         method_core = self.method._to_core()
         with Bar(progress, f"{self.method.name}: prepare") as report:
             self._core: _core.Prepared = _core.prepare(
                 scene._core, [x._core for x in self.lights], method_core, report
             )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        light: LightLike = self.lights[0] if self._single else self.lights
+        return _prepare_again, (self._entries, light, self.method)
+
+    def __copy__(self) -> Prepared:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Prepared:
+        return self
 
     @property
     def method(self) -> Method:
@@ -103,7 +118,8 @@ class Prepared:
         ----------
         camera : Camera
         progress : bool or callable
-            ``True`` for a progress bar, or a function that is told the finished fraction.
+            ``True`` for a progress bar, or a function that is told the finished fraction, 0 and 1
+            at least; an exception of its ends the call and is what the caller gets.
 
         Returns
         -------
@@ -169,6 +185,10 @@ class Prepared:
         return result[0] if self._single else result
 
 
+def _prepare_again(entries: tuple[Mesh | Spheres, ...], light: LightLike, m: Method) -> Prepared:
+    return Prepared(scene_of(entries), light, m)
+
+
 def prepare(
     scene: Scene, light: LightLike, method: MethodLike = "ray_traced", progress: Progress = False
 ) -> Prepared:
@@ -219,7 +239,11 @@ def render(
     Image
         Its ``seconds`` include ``prepare``.
     """
-    return prepare(scene, light, method, progress).render(camera, progress)
+    chosen = resolve(method)
+    bar = Bar(progress, chosen.name)
+    with bar:
+        prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
+        return prepared.render(camera, bar.part(0.5, 1, f"{chosen.name}: frame"))
 
 
 def visibility(
@@ -231,4 +255,9 @@ def visibility(
     progress: Progress = False,
 ) -> npt.NDArray[np.float32]:
     """Return the visibility of the lights from points; see `Prepared.visibility`."""
-    return prepare(scene, light, method, progress).visibility(points, normals, progress)
+    chosen = resolve(method)
+    bar = Bar(progress, chosen.name)
+    with bar:
+        prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
+        rest = bar.part(0.5, 1, f"{chosen.name}: visibility")
+        return prepared.visibility(points, normals, rest)

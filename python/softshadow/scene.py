@@ -18,6 +18,7 @@ from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
 
 if TYPE_CHECKING:
     import trimesh
+    from typing_extensions import Self
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
@@ -25,8 +26,23 @@ MeshLike: TypeAlias = (
 """What `Scene.add` takes."""
 
 
+class _Entry:
+    """What entries share: they cannot be changed, also after a process boundary."""
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            kept = checks.frozen(value) if isinstance(value, np.ndarray) else value
+            object.__setattr__(self, name, kept)
+
+
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(_Entry):
     """One entry of a scene: a triangle mesh, as it was when the scene was asked for it.
 
     Its fields and arrays cannot be changed: `Scene.set_vertices`, `Scene.set_transform` and
@@ -82,7 +98,7 @@ class Curves(Mesh):
 
 
 @dataclass(frozen=True, eq=False)
-class Spheres:
+class Spheres(_Entry):
     """One entry of a scene: analytic spheres, exact outlines without triangles.
 
     Attributes
@@ -109,7 +125,8 @@ class Scene:
     """Meshes, curves and spheres that cast and receive shadows.
 
     What `render` builds for a scene (adjacency, bounding volume hierarchy) is kept with it, and
-    rebuilt or refitted where it changes.
+    rebuilt or refitted where it changes. Scenes can be pickled; `copy.copy`, `copy.deepcopy` and
+    `copy` make independent ones. A scene equals itself only, since it can change.
     """
 
     def __init__(self) -> None:
@@ -356,7 +373,7 @@ class Scene:
 
     def copy(self) -> Scene:
         """Return an independent scene with the same entries, of which nothing is built yet."""
-        return _scene_of(self.entries)
+        return scene_of(self.entries)
 
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
         """Place a mesh or curves; its adjacency and the tree's topology are kept.
@@ -498,7 +515,7 @@ class Scene:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _scene_of, (self.entries,)
+        return scene_of, (self.entries,)
 
     def _entry(self, name: str) -> Mesh | Spheres:
         entry = self._entries.get(name) if isinstance(name, str) else None
@@ -539,7 +556,7 @@ def mesh_of(scene: Scene, name: str) -> Mesh:
     return entry
 
 
-def _scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
+def scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
     """Return a scene of its own with these entries."""
     scene = Scene()
     for e in entries:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks, images
-from softshadow.arguments import Progress
+from softshadow.arguments import Bar, Progress
 from softshadow.bake.sources import (
     POINT_BYTES,
     Accumulated,
@@ -33,6 +34,9 @@ __all__ = ["Bake", "bake", "bake_layout"]
 class Bake(Sequence[BakedTexture]):
     """What `bake` returns: a sequence of textures, which `Accumulation` can refine.
 
+    A copy is independent; in it, as on the other side of a process boundary, `Accumulation` draws
+    all light points again, with the same bits. It equals itself only.
+
     Attributes
     ----------
     method : Method
@@ -48,6 +52,9 @@ class Bake(Sequence[BakedTexture]):
         self._job = job
         self._method = method
         self._known: dict[int, BakedTexture] = {}
+
+    def __copy__(self) -> Bake:
+        return copy.deepcopy(self)  # refining one would otherwise refine the other
 
     @property
     def method(self) -> Method:
@@ -275,13 +282,13 @@ def bake(
         if name not in names:
             raise ValueError(f"uv: {name!r} is not among the receivers {names}")
     layout = _layout_method(chosen, texel, max_size)
+    given: LightLike = lights[0] if single else lights
     if isinstance(chosen, Accumulation):
         if own:
             raise ValueError(
                 "uv: accumulation bakes planar polygons with a layout of their own; bake meshes "
                 "with texture coordinates by a method that answers at points, such as ray_traced"
             )
-        given: LightLike = lights[0] if single else lights
         return Bake(Accumulated(scene, given, names, layout, side, progress), layout)
     if not chosen.points:
         raise ValueError(f"method {chosen.name!r} needs a camera and cannot bake")
@@ -289,16 +296,20 @@ def bake(
     padding = checks.integer(padding, "padding", 0, 65536)
     unwrapped = {name: _corner_uv(mesh_of(scene, name), own[name]) for name in own}
     planar = [name for name in names if name not in own]
-    core, polygons = (
-        receiver_polygons(scene, lights, planar, layout, side, progress) if planar else (None, [])
-    )
-    texels = sum(p.size[0] * p.size[1] for p in polygons) + len(own) * width * height
-    if POINT_BYTES * texels > layout.memory_limit:
-        raise ValueError(
-            f"bake: {texels} texels take {POINT_BYTES * texels / 1e9:.2f} GB, more than "
-            f"{layout.memory_limit / 1e9:.2f} GB; a larger texel or a smaller size takes less"
-        )
-    charts = [planar_chart(p, core.mask(i)) for i, p in enumerate(polygons) if core is not None]
-    for name, corners in unwrapped.items():
-        charts.append(unwrapped_chart(mesh_of(scene, name), corners, (width, height), padding))
-    return Bake(AtPoints(scene, lights[0] if single else lights, charts, chosen, progress), chosen)
+    bar = Bar(progress, "bake")
+    with bar:
+        core, polygons = None, list[Polygon]()
+        if planar:
+            first = bar.part(0, 0.1, "bake: layout")
+            core, polygons = receiver_polygons(scene, lights, planar, layout, side, first)
+        texels = sum(p.size[0] * p.size[1] for p in polygons) + len(own) * width * height
+        if POINT_BYTES * texels > layout.memory_limit:
+            raise ValueError(
+                f"bake: {texels} texels take {POINT_BYTES * texels / 1e9:.2f} GB, more than "
+                f"{layout.memory_limit / 1e9:.2f} GB; a larger texel or a smaller size takes less"
+            )
+        charts = [planar_chart(p, core.mask(i)) for i, p in enumerate(polygons) if core is not None]
+        for name, corners in unwrapped.items():
+            mesh = mesh_of(scene, name)
+            charts.append(unwrapped_chart(mesh, corners, (width, height), padding))
+        return Bake(AtPoints(scene, given, charts, chosen, bar.part(0.1, 1, "bake")), chosen)

@@ -21,7 +21,7 @@ from softshadow.extras import needs
 from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Accumulation, Method
 from softshadow.render import Prepared
-from softshadow.scene import Mesh, Scene, mesh_of
+from softshadow.scene import Mesh, Scene, Spheres, mesh_of, scene_of
 
 __all__ = [
     "POINT_BYTES",
@@ -144,12 +144,18 @@ class Accumulated(Job):
         self.lights, self.single = as_lights(light)
         # As they are now: the scene may change before a texture is asked for.
         self.entries, self.method = {name: mesh_of(scene, name) for name in receivers}, method
-        self.core, self.polygons = receiver_polygons(
-            scene, self.lights, receivers, method, side, progress
-        )
-        self.bytes = self.core.bytes
-        self.samples = 0
-        self._draw(method.samples, progress)
+        self.made_of = (scene.entries, light, tuple(receivers), method, side)
+        bar = Bar(progress, "bake")
+        with bar:
+            self.core, self.polygons = receiver_polygons(
+                scene, self.lights, receivers, method, side, bar.part(0, 0.1, "bake: layout")
+            )
+            self.bytes = self.core.bytes
+            self.samples = 0
+            self._draw(method.samples, bar.part(0.1, 1, "bake"))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _draw_again, (*self.made_of, self.samples)
 
     def __len__(self) -> int:
         return len(self.polygons)
@@ -206,7 +212,22 @@ class Accumulated(Job):
         )
 
 
-@dataclass(frozen=True)
+def _draw_again(
+    entries: tuple[Mesh | Spheres, ...],
+    light: LightLike,
+    receivers: tuple[str, ...],
+    method: Accumulation,
+    side: Side,
+    samples: int,
+) -> Accumulated:
+    """Return the textures on the other side of a process boundary, with as many light points."""
+    drawn = replace(method, samples=samples)
+    job = Accumulated(scene_of(entries), light, receivers, drawn, side, False)
+    job.method, job.made_of = method, (entries, light, receivers, method, side)
+    return job
+
+
+@dataclass(frozen=True, eq=False)
 class _Chart:
     """Texels of a receiver with the points that they stand for; all (H, W)."""
 
@@ -239,13 +260,16 @@ class AtPoints(Job):
         # As they are now: the scene may change before a texture is asked for.
         self.entries = {c.receiver: mesh_of(scene, c.receiver) for c in charts}
         self.charts = charts
-        prepared = Prepared(scene, self.lights, method, progress)
-        self.seconds["prepare"] = prepared.seconds["prepare"]
         points = [c.positions[c.known] for c in charts]
         normals = [c.normals[c.known] for c in charts]
         self.bytes = POINT_BYTES * sum(len(p) for p in points)
-        start = time.perf_counter()
-        seen = prepared.visibility(np.concatenate(points), np.concatenate(normals), progress)
+        bar = Bar(progress, "bake")
+        with bar:
+            prepared = Prepared(scene, self.lights, method, bar.part(0, 0.3, "bake: prepare"))
+            self.seconds["prepare"] = prepared.seconds["prepare"]
+            start = time.perf_counter()
+            every = np.concatenate(points), np.concatenate(normals)
+            seen = prepared.visibility(*every, bar.part(0.3, 1, "bake"))
         ends = np.cumsum([len(p) for p in points])[:-1]
         self.seen = np.split(seen, ends, axis=1)
         self.seconds["textures"] = time.perf_counter() - start

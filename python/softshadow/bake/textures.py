@@ -18,7 +18,7 @@ Side: TypeAlias = Literal["light", "front", "back"]
 """Which side of a polygon is baked."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Polygon:
     """A receiver polygon: connected triangles of a mesh in one plane, and their texture's place.
 
@@ -59,7 +59,7 @@ class Polygon:
         return positions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BakedTexture:
     """A texture with its place on a receiver. H by W texels.
 

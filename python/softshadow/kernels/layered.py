@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from softshadow import checks
 from softshadow._core import kernels as _kernels
-from softshadow.arguments import as_points
+from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
 from softshadow.light import Light
 from softshadow.methods import Mlsm, Mtsm, Slsm
@@ -30,7 +30,7 @@ _Doubles = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LayeredMap:
     """One view of a layered shadow map; H by W texels of L layers, the nearest first.
 
@@ -82,7 +82,7 @@ def layered_maps(
     scene: Scene,
     light: Light,
     method: Slsm | Mlsm | Mtsm | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> list[LayeredMap]:
     """Build layered shadow maps (Xie, Tabellion and Pearce 2007, Sections 4.2 and 5.1).
 
@@ -95,8 +95,8 @@ def layered_maps(
     light : RectLight, DiskLight or SphereLight
     method : Slsm, Mlsm or Mtsm, optional
         For resolution, layers and compression; ``Mtsm()`` by default.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -112,7 +112,8 @@ def layered_maps(
         take; if a parameter is out of its range, or a map does not fit into memory.
     """
     chosen = method or Mtsm()
-    found = _kernels.layered_maps(scene._core, light._core, chosen, chosen.name, progress)
+    with Bar(progress, "layered_maps") as report:
+        found = _kernels.layered_maps(scene._core, light._core, chosen, chosen.name, report)
     return [
         LayeredMap(
             Camera.from_matrix(m["K"], m["camera_to_world"], *reversed(m["depths"].shape[:2])),
@@ -136,7 +137,7 @@ def trace_layered_maps(
     points: npt.ArrayLike,
     normals: npt.ArrayLike | None = None,
     method: Slsm | Mlsm | Mtsm | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> _Floats:
     """Trace points to a light through layered shadow maps (Xie et al. 2007, Sections 4.3 and 5.2).
 
@@ -157,8 +158,8 @@ def trace_layered_maps(
         Of any length; None: no tangent plane.
     method : Slsm, Mlsm or Mtsm, optional
         For samples, seed, z_threshold, bias, detail, threshold and crossing; ``Mtsm()`` by default.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -179,16 +180,17 @@ def trace_layered_maps(
     frames = {_frame(m) for m in maps}
     if len(frames) > 1:
         raise ValueError(f"maps: expected one origin and unit, got {len(frames)} different ones")
-    result: _Floats = _kernels.trace_layered_maps(
-        [_flat_arrays(m, f"maps[{i}]") for i, m in enumerate(maps)],
-        light._core,
-        as_points(points, "points"),
-        None if normals is None else as_points(normals, "normals"),
-        chosen,
-        chosen.name,
-        frames.pop() if frames else None,
-        progress,
-    )
+    with Bar(progress, "trace_layered_maps") as report:
+        result: _Floats = _kernels.trace_layered_maps(
+            [_flat_arrays(m, f"maps[{i}]") for i, m in enumerate(maps)],
+            light._core,
+            as_points(points, "points"),
+            None if normals is None else as_points(normals, "normals"),
+            chosen,
+            chosen.name,
+            frames.pop() if frames else None,
+            report,
+        )
     return result
 
 

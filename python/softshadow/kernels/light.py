@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
 from softshadow._core import kernels as _kernels
-from softshadow.arguments import Vector, as_points, as_vector
+from softshadow.arguments import Bar, Progress, Vector, as_points, as_vector
 from softshadow.light import Light
 from softshadow.methods import RayTraced
 from softshadow.scene import Scene
@@ -105,7 +103,7 @@ def transmittance(
     scene: Scene,
     origins: npt.ArrayLike,
     targets: npt.ArrayLike,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> _Floats:
     """Trace segments against what casts in a scene.
 
@@ -119,8 +117,8 @@ def transmittance(
         Its hierarchy is built at the first call and kept with it.
     origins, targets : array_like, shape (N, 3)
         Ends of the segments, world units.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -132,7 +130,8 @@ def transmittance(
     ValueError
         If the shapes differ or a coordinate is not finite.
     """
-    result: _Floats = _kernels.transmittance(
-        scene._core, as_points(origins, "origins"), as_points(targets, "targets"), progress
-    )
+    with Bar(progress, "transmittance") as report:
+        result: _Floats = _kernels.transmittance(
+            scene._core, as_points(origins, "origins"), as_points(targets, "targets"), report
+        )
     return result

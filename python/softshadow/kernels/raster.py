@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
 from softshadow._core import kernels as _kernels
-from softshadow.arguments import as_mesh
+from softshadow.arguments import Bar, Progress, as_mesh
 from softshadow.camera import Camera
 
 __all__ = [
@@ -24,7 +22,7 @@ def rasterize(
     vertices: npt.ArrayLike,
     faces: npt.ArrayLike,
     camera: Camera,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> tuple[_Ints, _Floats]:
     """Draw a mesh and return the nearest triangle of every pixel.
 
@@ -36,8 +34,8 @@ def rasterize(
     vertices, faces
         As in `mesh_edges`.
     camera : Camera
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -51,5 +49,6 @@ def rasterize(
     ValueError
         If the mesh is invalid, as in `Scene.add`.
     """
-    ids, depth = _kernels.rasterize(*as_mesh(vertices, faces), camera._core, progress)
+    with Bar(progress, "rasterize") as report:
+        ids, depth = _kernels.rasterize(*as_mesh(vertices, faces), camera._core, report)
     return ids, depth

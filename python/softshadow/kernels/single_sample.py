@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy.typing as npt
 
 from softshadow import checks
 from softshadow._core import kernels as _kernels
-from softshadow.arguments import as_points
+from softshadow.arguments import Bar, Progress, as_points
 from softshadow.light import Light
 from softshadow.methods import SingleSample
 from softshadow.scene import Scene
@@ -31,7 +30,7 @@ def outer_distances(
     normals: npt.ArrayLike | None,
     light: Light,
     method: SingleSample | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> _Floats:
     """Return ``tau`` of single sample soft shadows (Parker, Shirley and Smits 1998) at points.
 
@@ -51,8 +50,8 @@ def outer_distances(
         Of a size of zero: `tau` is 0 or 1.
     method : SingleSample, optional
         For its opacity.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -67,9 +66,15 @@ def outer_distances(
         them), a coordinate is not finite, a normal is zero, or the shapes differ.
     """
     n = None if normals is None else as_points(normals, "normals")
-    result: _Floats = _kernels.outer_distances(
-        scene._core, as_points(points, "points"), n, light._core, method or SingleSample(), progress
-    )
+    with Bar(progress, "outer_distances") as report:
+        result: _Floats = _kernels.outer_distances(
+            scene._core,
+            as_points(points, "points"),
+            n,
+            light._core,
+            method or SingleSample(),
+            report,
+        )
     return result
 
 

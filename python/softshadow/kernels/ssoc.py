@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from softshadow._core import kernels as _kernels
+from softshadow.arguments import Bar, Progress
 from softshadow.camera import Camera
 from softshadow.light import Light
 from softshadow.methods import Ssoc
@@ -22,7 +22,7 @@ __all__ = [
 _Floats = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OcclusionMaps:
     """One view of a soft shadow occlusion camera; H by W texels.
 
@@ -51,7 +51,7 @@ def ssoc_maps(
     scene: Scene,
     light: Light,
     method: Ssoc | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> list[OcclusionMaps]:
     """Build the maps of the soft shadow occlusion camera (Mo, Popescu and Wyman 2007).
 
@@ -65,8 +65,8 @@ def ssoc_maps(
         A light of size zero has no distortion maps: they are all 0.
     method : Ssoc, optional
         For its resolution.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -80,7 +80,8 @@ def ssoc_maps(
     ValueError
         If the scene is empty, has spheres that cast, or a map does not fit into memory.
     """
-    found = _kernels.ssoc_maps(scene._core, light._core, method or Ssoc(), progress)
+    with Bar(progress, "ssoc_maps") as report:
+        found = _kernels.ssoc_maps(scene._core, light._core, method or Ssoc(), report)
     return [
         OcclusionMaps(
             Camera.from_matrix(m["K"], m["camera_to_world"], *reversed(m["depth"].shape)),

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks
 from softshadow._core import kernels as _kernels
-from softshadow.arguments import Vector, as_mesh, as_points, as_vector
+from softshadow.arguments import Bar, Progress, Vector, as_mesh, as_points, as_vector
 from softshadow.light import Light
 
 __all__ = [
@@ -68,7 +66,7 @@ def accumulate(
     edge_v: Vector,
     size: tuple[int, int],
     colours: npt.ArrayLike | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> _Floats:
     """Draw a mesh's hard shadows from points of any colour onto a parallelogram and add them up.
 
@@ -88,8 +86,8 @@ def accumulate(
     colours : array_like, shape (N,) or (N, 3), optional
         Of each point, with its intensity; ``1 / N`` when not given, so that the result is a
         visibility.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -111,15 +109,16 @@ def accumulate(
     rgb = np.ascontiguousarray(np.broadcast_to(weights.reshape(n, -1), (n, 3)))
     edges = [as_vector(edge_u, "edge_u"), as_vector(edge_v, "edge_v")]
     width, height = checks.size(size, "size", _MOST_TEXELS)
-    flat: _Floats = _kernels.accumulate(
-        *as_mesh(vertices, faces),
-        points,
-        rgb,
-        as_vector(corner, "corner"),
-        edges,
-        (width, height),
-        progress,
-    )
+    with Bar(progress, "accumulate") as report:
+        flat: _Floats = _kernels.accumulate(
+            *as_mesh(vertices, faces),
+            points,
+            rgb,
+            as_vector(corner, "corner"),
+            edges,
+            (width, height),
+            report,
+        )
     image = flat.reshape(height, width, 3)
     return image if weights.ndim == 2 else np.ascontiguousarray(image[..., 0])
 
@@ -131,7 +130,7 @@ def convolve_shadow(
     edge_u: Vector,
     edge_v: Vector,
     scale: float,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> _Floats:
     """Convolve a hard shadow on a parallelogram with the light's image (Soler and Sillion 1998).
 
@@ -149,8 +148,8 @@ def convolve_shadow(
     scale : float
         Size of the light's image over the light's: how high the occluder is over the parallelogram,
         over how deep it is below the light; 0 to 30.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -168,12 +167,13 @@ def convolve_shadow(
         raise ValueError(f"visibility: expected shape (H, W), got {hard.shape}")
     if not ((hard >= 0) & (hard <= 1)).all():
         raise ValueError("visibility: expected finite numbers from 0 to 1")
-    hidden: _Floats = _kernels.convolve_shadow(
-        np.ascontiguousarray(1 - hard.astype(np.float32)[::-1]),
-        light._core,
-        as_vector(corner, "corner"),
-        [as_vector(edge_u, "edge_u"), as_vector(edge_v, "edge_v")],
-        checks.number(scale, "scale"),
-        progress,
-    )
+    with Bar(progress, "convolve_shadow") as report:
+        hidden: _Floats = _kernels.convolve_shadow(
+            np.ascontiguousarray(1 - hard.astype(np.float32)[::-1]),
+            light._core,
+            as_vector(corner, "corner"),
+            [as_vector(edge_u, "edge_u"), as_vector(edge_v, "edge_v")],
+            checks.number(scale, "scale"),
+            report,
+        )
     return np.ascontiguousarray(1 - np.clip(hidden[::-1], 0, 1))

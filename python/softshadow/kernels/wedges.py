@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow._core import kernels as _kernels
+from softshadow.arguments import Bar, Progress
 from softshadow.camera import Camera
 from softshadow.light import Light
 from softshadow.methods import Wedges
@@ -28,7 +28,7 @@ _Doubles = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PenumbraWedges:
     """Penumbra wedges as arrays; W wedges, world coordinates, planes as ``a x + b y + c z = d``.
 
@@ -99,7 +99,7 @@ def light_intensity(
     camera: Camera,
     light: Light,
     method: Wedges | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> _Floats:
     """Rasterise penumbra wedges into a light-intensity buffer and return it before it is clamped.
 
@@ -110,8 +110,8 @@ def light_intensity(
     light : RectLight, DiskLight or SphereLight
     method : Wedges, optional
         Its `overlap` does not matter: everything is added.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -124,7 +124,8 @@ def light_intensity(
     ValueError
         As `render` with that method.
     """
-    result: _Floats = _kernels.light_intensity(
-        scene._core, camera._core, light._core, method or Wedges(), progress
-    )
+    with Bar(progress, "light_intensity") as report:
+        result: _Floats = _kernels.light_intensity(
+            scene._core, camera._core, light._core, method or Wedges(), report
+        )
     return result

@@ -34,7 +34,7 @@ _CONTACT = 0.02
 it counts as in contact: beyond, the change is a jump over an occluder rather than a slope."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RayOffset:
     """What `ray_offset` returns.
 
@@ -65,7 +65,7 @@ class RayOffset:
         return np.maximum(lifted, 0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ZTest:
     """What `z_test` returns.
 

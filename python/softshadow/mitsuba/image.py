@@ -10,7 +10,7 @@ import numpy.typing as npt
 __all__ = ["MitsubaImage"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MitsubaImage:
     """What `render` returns; arrays are indexed ``[y, x]``, row 0 on top.
 

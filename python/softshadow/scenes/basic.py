@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -217,16 +218,32 @@ def half_plane(
             source.radiance,
         )
 
-    def visibility(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        p = np.asarray(points, dtype=np.float64)
-        beyond = (light_height / blocker_height - 1) * p[..., 0]
-        if light == "rect":
-            return _square_beyond_line(beyond / light_size, turn)
-        if light == "disk":
-            return _disk_beyond_line(2 * beyond / light_size)
-        return _half_hidden_sphere(p, light_height, light_size / 2, blocker_height)
+    known = partial(
+        _half_plane_visibility,
+        light=light,
+        light_size=light_size,
+        light_height=light_height,
+        blocker_height=blocker_height,
+        turn=turn,
+    )
+    return Setup(scene, camera, source, known)
 
-    return Setup(scene, camera, source, visibility)
+
+def _half_plane_visibility(
+    points: npt.ArrayLike,
+    light: LightKind,
+    light_size: float,
+    light_height: float,
+    blocker_height: float,
+    turn: float,
+) -> npt.NDArray[np.float64]:
+    p = np.asarray(points, dtype=np.float64)
+    beyond = (light_height / blocker_height - 1) * p[..., 0]
+    if light == "rect":
+        return _square_beyond_line(beyond / light_size, turn)
+    if light == "disk":
+        return _disk_beyond_line(2 * beyond / light_size)
+    return _half_hidden_sphere(p, light_height, light_size / 2, blocker_height)
 
 
 def _square_beyond_line(offset: npt.NDArray[np.float64], turn: float) -> npt.NDArray[np.float64]:
@@ -315,8 +332,8 @@ def tilted_sheet(
     camera = Camera((0.0, -1.3, 0.35), (0.0, 0.0, 0.0), (0, 0, 1), 40.0, width, height)
     top = light_towards(light, (0.0, 0.0, 3.0 + 0.2 * sheets), light_size, (0, 0, 0))
 
-    def transmitted(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        shape = np.asarray(points, dtype=np.float64).shape[:-1]
-        return np.full(shape, (1.0 - opacity) ** sheets)
+    return Setup(scene, camera, top, partial(_everywhere, value=(1.0 - opacity) ** sheets))
 
-    return Setup(scene, camera, top, transmitted)
+
+def _everywhere(points: npt.ArrayLike, value: float) -> npt.NDArray[np.float64]:
+    return np.full(np.asarray(points, dtype=np.float64).shape[:-1], value)

@@ -26,7 +26,7 @@ PLANE_ALBEDO = (0.7, 0.7, 0.7)
 """Of grounds and receiving planes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Setup:
     """What is needed to render.
 
