@@ -324,7 +324,8 @@ def print_row(row: dict[str, Any]) -> None:
     print(
         f"{row['scene']:14} {row['samples']:7} {row['side']:22} {row['threads']:7} "
         f"{row['seconds']:8.3f} {row['fastest']:7.3f} {row['slowest']:7.3f} "
-        f"{row['mrays_per_second']:8.1f} {row['ratio']:6.2f} {row['peak_megabytes']:8.0f}  {row['note']}",
+        f"{row['mrays_per_second']:8.1f} {row['ratio']:6.2f} {row['peak_megabytes']:8.0f}  "
+        f"{row['note']}",
         flush=True,
     )
 
