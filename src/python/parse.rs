@@ -1,7 +1,7 @@
 //! What users write as names and numbers, as the core has it.
 
 use crate::error::{Error, Result};
-use crate::methods::ssoc::falloff::Falloff;
+use crate::light::falloff::Falloff;
 
 /// The value that a name stands for.
 pub(super) fn choice<T: Copy>(

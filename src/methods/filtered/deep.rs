@@ -9,20 +9,20 @@
 //! Assumptions and failures: those of [`super::pcf`]; self-shadowing of fur is soft and plausible, shadows
 //! on what is behind it are too wide. What lies behind the first opaque surface of a texel is not kept.
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use super::pcf::each_place;
-use super::region::{Region, Scratch, Texel};
 use super::{Estimate, Hide, PreparedFilter, Settings};
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Geometry;
+use crate::far::REACH;
 use crate::light::Light;
-use crate::methods::far::REACH;
-use crate::methods::layered::compress::Compression;
-use crate::methods::layered::construction::Layers;
-use crate::methods::wedges::contour::Casters;
-use crate::methods::{Method, Prepared};
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::Layers;
+use crate::maps::region::{Region, Scratch, Texel};
+use crate::method::{Method, Prepared};
 
 /// Visibility that counts as none: half an 8-bit step, which nothing shows.
 const NOTHING: f32 = 1.0 / 512.0;
@@ -64,7 +64,7 @@ impl Method for DeepShadow {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {

@@ -2,31 +2,30 @@
 //!
 //! - [`pcf`]: percentage-closer soft shadows on one or several layers of depth, the *Antz* method;
 //! - [`deep`]: the same filter on deep shadow maps, for fur and what is translucent;
-//! - [`region`]: what both look at: the part of a map that can hide the light from a receiver.
+//! - [`crate::maps::region`]: what both look at: the part of a map that can hide the light from a receiver.
 //!
 //! Neither follows a ray. All that is found in the filter's region and lies between receiver and light counts
 //! as if it were at one depth, which is where their errors come from, and why these grow with the light.
 
 pub mod deep;
 pub mod pcf;
-pub mod region;
 
 use std::time::Instant;
 
 use glam::DVec3;
 
-use super::layered::construction::{Layers, layer_map};
-use super::layered::map::LayerMap;
-use super::layered::views::light_views;
-use super::views::most_central;
-use super::wedges::contour::Casters;
-use super::{Prepared, Shading};
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::light::Light;
+use crate::maps::layers::construction::{Layers, layer_map};
+use crate::maps::layers::map::LayerMap;
+use crate::maps::layers::views::light_views;
+use crate::maps::region::{Region, Scratch, Source};
+use crate::maps::views::most_central;
+use crate::method::{Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{Pattern, Sampler};
-use region::{Region, Scratch, Source};
 
 /// Most light samples a receiver.
 pub const MOST_SAMPLES: i64 = 65536;
@@ -112,7 +111,7 @@ struct PreparedFilter {
 }
 
 impl PreparedFilter {
-    /// Draws the maps of world lights.
+    /// Draws the lights' maps.
     fn new(
         casters: &Casters,
         lights: &[Light],
@@ -121,11 +120,10 @@ impl PreparedFilter {
         (stage, hide): (&'static str, Hide),
         control: &Control,
     ) -> Result<Self> {
-        let frame = &casters.geometry().frame;
         let start = Instant::now();
-        let maps = lights.iter().map(|light| {
-            LightMaps::new(&light.to_local(frame), casters, settings, layers, control)
-        });
+        let maps = lights
+            .iter()
+            .map(|light| LightMaps::new(light, casters, settings, layers, control));
         Ok(PreparedFilter {
             maps: maps.collect::<Result<_>>()?,
             hide,

@@ -14,19 +14,19 @@
 //! light through. All grow with the light. Blockers that no sample of the first pass hits are missed.
 //! Transparent occluders cannot be modelled: [`super::deep`] does.
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
-use super::region::{Region, Scratch, Texel};
 use super::{Estimate, Hide, MOST_LAYERS, PreparedFilter, Settings};
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::Result;
-use crate::geometry::Geometry;
+use crate::far::REACH;
 use crate::light::Light;
-use crate::methods::far::REACH;
-use crate::methods::layered::compress::Compression;
-use crate::methods::layered::construction::Layers;
-use crate::methods::wedges::contour::Casters;
-use crate::methods::{Method, Prepared};
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::Layers;
+use crate::maps::region::{Region, Scratch, Texel};
+use crate::method::{Method, Prepared};
 use crate::simd::LANES;
 
 /// Percentage-closer soft shadows.
@@ -49,7 +49,7 @@ impl Method for Pcf {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {

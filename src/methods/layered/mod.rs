@@ -1,12 +1,9 @@
 //! Soft shadows by ray tracing multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007).
 //!
 //! The scene is drawn from behind the light into a map with several layers a texel; segments from a receiver
-//! to points of the light are traced through the map instead of the scene. In the order in which they work:
-//! - [`views`]: where a map is drawn from, behind the light, or the faces of a cube;
-//! - [`construction`]: the rasteriser's sinks; [`compress`]: from all crossings of a transparent texel to layers;
+//! to points of the light are traced through the map instead of the scene. The map is [`crate::maps::layers`]; here:
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
-//! - [`map`]: what is stored; [`quadtree`]: least and largest depths ([`quad`]); [`coarser`]: coarser maps;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
@@ -17,40 +14,34 @@
 //! mean only; contact shadows begin half a texel away.
 
 pub mod choose;
-pub mod coarser;
-pub mod compress;
-pub mod construction;
 pub mod given;
-pub mod map;
 pub mod masks;
-pub mod quad;
-pub mod quadtree;
 pub mod tracing;
-pub mod views;
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::far::REACH;
-use super::views::most_central;
-use super::wedges::contour::Casters;
-use super::{Method, Prepared, Shading};
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::{Frame, Geometry};
+use crate::far::REACH;
+use crate::frame::Frame;
 use crate::light::{Light, Shape};
-use crate::methods::ray_traced::MOST_SAMPLES;
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::{Layers, layer_map};
+use crate::maps::layers::map::LayerMap;
+use crate::maps::layers::views::light_views;
+use crate::maps::views::most_central;
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
+use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{LightSamples, Pattern, Sampler};
-use compress::Compression;
-use construction::{Layers, layer_map};
 use given::Given;
-use map::LayerMap;
 use masks::{Axis, BLOCK, Mask, spread};
 use tracing::{Pencil, Seen, Stack, Tracing, trace};
-use views::light_views;
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.
@@ -317,7 +308,7 @@ impl Method for Layered {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -326,9 +317,8 @@ impl Method for Layered {
         let start = Instant::now();
         let mut found = Vec::with_capacity(lights.len());
         for light in lights {
-            let light = light.to_local(&frame);
-            let groups = self.maps(&casters, &light, control)?;
-            found.push(LightMaps::new(self.sampler(light), groups));
+            let groups = self.maps(&casters, light, control)?;
+            found.push(LightMaps::new(self.sampler(*light), groups));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
@@ -407,8 +397,9 @@ impl LightMaps {
     /// are others for every receiver, and most receivers are lit.
     fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
         let center = self.light.center();
-        let Shape::Sphere { radius, .. } = self.light.shape else {
-            return true;
+        let radius = match self.light.shape {
+            Shape::Sphere(sphere) => sphere.radius,
+            Shape::Rect(_) | Shape::Disk(_) => return true,
         };
         if (p - center).length() <= radius {
             return true;

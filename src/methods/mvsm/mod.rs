@@ -14,26 +14,28 @@
 
 pub mod trace;
 
+use crate::sampling::MOST_SAMPLES;
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::far::REACH;
-use super::filtered::region::{Region, Source};
-use super::layered::compress::Compression;
-use super::layered::construction::{Layers, layer_map};
-use super::layered::map::LayerMap;
-use super::layered::views::light_views;
-use super::wedges::contour::Casters;
-use super::wedges::is_point;
-use super::{Method, Prepared, Shading};
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Error, Result};
+use crate::far::REACH;
+use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
-use crate::light::{Light, Shape};
+use crate::light::Light;
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::{Layers, layer_map};
+use crate::maps::layers::map::LayerMap;
+use crate::maps::layers::views::light_views;
+use crate::maps::region::{Region, Source};
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
-use crate::sampling::{LightSamples, POINT_OFFSET, Pattern, Sampler};
+use crate::sampling::{LightSamples, Pattern, Sampler};
 use crate::simd::LANES;
 use trace::{Blocker, Parts, Tracer};
 
@@ -78,12 +80,7 @@ impl Mvsm {
         let ranges = [
             ("resolution", resolution, 16, 16384),
             ("views", views, 1, MOST_VIEWS),
-            (
-                "samples",
-                samples,
-                1,
-                super::ray_traced::MOST_SAMPLES as i64,
-            ),
+            ("samples", samples, 1, MOST_SAMPLES as i64),
         ];
         for (name, value, least, most) in ranges {
             if !(least..=most).contains(&value) {
@@ -112,26 +109,13 @@ impl Mvsm {
 /// Points of a light that views are drawn from; one if it has no size.
 fn view_points(light: &Light, middle: DVec3, count: usize) -> Vec<DVec3> {
     let center = light.center();
-    if is_point(light) {
+    if light.is_point() {
         return vec![center];
     }
-    let (u, v, rim) = match light.shape {
-        Shape::Rect { u, v, .. } => (0.5 * u, 0.5 * v, 1.0),
-        Shape::Disk { normal, radius, .. } => {
-            let e = normal.any_orthonormal_vector();
-            (
-                radius * e,
-                radius * normal.cross(e),
-                std::f64::consts::SQRT_2,
-            )
-        }
-        // The outline that the scene sees, about.
-        Shape::Sphere { radius, .. } => {
-            let axis = (middle - center).try_normalize().unwrap_or(DVec3::Z);
-            let e = axis.any_orthonormal_vector();
-            (radius * e, radius * axis.cross(e), std::f64::consts::SQRT_2)
-        }
-    };
+    // Of a sphere the outline that the scene sees, about.
+    let axis = (middle - center).try_normalize().unwrap_or(DVec3::Z);
+    let (u, v, disk) = light.half_axes(axis);
+    let rim = if disk { std::f64::consts::SQRT_2 } else { 1.0 };
     let corners = [(-1.0, -1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)]
         .map(|(x, y)| center + (x * u + y * v) / rim);
     let sides = [-u, u, -v, v].map(|d| center + d);
@@ -195,11 +179,10 @@ impl Method for Mvsm {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
-        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let frame = geometry.frame;
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let layers = Layers {
@@ -216,21 +199,10 @@ impl Method for Mvsm {
         let start = Instant::now();
         let pattern = Pattern::new(self.samples, self.seed);
         let mut found = Vec::with_capacity(lights.len());
-        for light in &lights {
+        for light in lights {
             let (mut maps, mut groups) = (Vec::new(), Vec::new());
             for point in view_points(light, DVec3::ZERO, self.views) {
-                let shape = match light.normal() {
-                    Some(normal) => Shape::Disk {
-                        center: point,
-                        normal,
-                        radius: 0.0,
-                    },
-                    None => Shape::Sphere {
-                        center: point,
-                        radius: 0.0,
-                    },
-                };
-                let eye = Light { shape, ..*light };
+                let eye = light.point_at(point);
                 let mut of_view = Vec::new();
                 for views in light_views(&eye, &casters, self.resolution)?.groups {
                     let first = maps.len();

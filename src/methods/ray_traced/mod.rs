@@ -24,26 +24,24 @@ mod grid;
 mod group;
 mod project;
 
+use crate::sampling::MOST_SAMPLES;
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::{Method, Prepared, Shading};
 use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
 use crate::bvh::packet::Packet;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
 use grid::Grid;
 use group::{Found, Group, Seen};
-
-/// Most samples a receiver.
-pub const MOST_SAMPLES: usize = 1 << 16;
 
 /// Most candidate edges of a group. Beyond, the group is halved, or its samples are all traced: looking
 /// at so many edges costs as much. Half and twice as many make no difference to speed.
@@ -88,7 +86,7 @@ impl Method for RayTraced {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -99,15 +97,14 @@ impl Method for RayTraced {
         let lights = lights
             .iter()
             .map(|light| {
-                let light = light.to_local(&geometry.frame);
                 let mut stack = Vec::new();
-                let mut touches = |bvh| touches_light(bvh, &light, &mut stack);
+                let mut touches = |bvh| touches_light(bvh, light, &mut stack);
                 let cut = touches(&occluders.opaque)
                     || occluders
                         .transparent
                         .as_ref()
                         .is_some_and(|(bvh, _)| touches(bvh));
-                let sampler = Sampler::new(light, pattern.clone(), self.fixed);
+                let sampler = Sampler::new(*light, pattern.clone(), self.fixed);
                 PreparedLight {
                     sampler,
                     cull: self.cull && !cut,
@@ -130,7 +127,7 @@ struct PreparedLight {
 }
 
 struct PreparedRayTraced {
-    geometry: Arc<Geometry>,
+    geometry: Arc<Snapshot>,
     lights: Vec<PreparedLight>,
 }
 

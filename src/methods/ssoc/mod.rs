@@ -4,7 +4,7 @@
 //! penumbra is how far it has to be moved in the image to be seen. Silhouettes are found in the geometry and
 //! drawn as quads into two distortion maps, for the two sides of the hard shadow's boundary ([`maps`]);
 //! receivers look their edge up, at a cost that does not grow with the scene ([`lookup`]). Lights within a
-//! scene get as many faces of a cube as something casts into ([`super::views`]).
+//! scene get as many faces of a cube as something casts into ([`crate::maps::views`]).
 //!
 //! Assumptions and failures, as the paper states them: edges of one view of the scene, from the light's
 //! centre, stand for all of the light; a texel keeps one edge a side, so that where several penumbrae cross
@@ -15,16 +15,17 @@
 //! otherwise. Receivers farther from the light than all of the scene have their penumbrae cut to the width
 //! that they have at the scene's far end.
 
+mod build;
 pub mod corners;
 pub mod distorted;
 mod drawing;
-pub mod falloff;
 mod free;
 pub mod lookup;
 pub mod maps;
 mod receiver;
 pub mod trend;
 
+use crate::scene::snapshot::Snapshot;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
@@ -32,20 +33,19 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::far::REACH;
-use super::views::{View, most_central, views};
-use super::wedges::contour::{Casters, Edge};
-use super::wedges::is_point;
-use super::{Method, Prepared, Shading};
-use crate::contour::Many;
+use crate::casters::Casters;
+use crate::casters::edges::Edge;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Geometry;
+use crate::far::REACH;
 use crate::light::Light;
+use crate::light::falloff::Falloff;
+use crate::light::many::Many;
+use crate::maps::views::{View, most_central, views};
 use crate::memory;
+use crate::method::{Method, Prepared, Shading};
 use crate::raster::tile_count;
 use crate::receivers::Receivers;
-use falloff::Falloff;
 use free::{Block, Cells, Group};
 use lookup::{Lookup, MOST_STEPS, Rules};
 use maps::Maps;
@@ -55,7 +55,7 @@ use maps::Maps;
 const TEXEL_BYTES: usize = 20 + 36;
 
 /// Those of the reference image.
-const SEEN_BYTES: usize = size_of::<distorted::Seen>();
+const SEEN_BYTES: usize = size_of::<maps::Seen>();
 
 /// Parameters of the soft shadow occlusion camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,7 +124,7 @@ impl Ssoc {
         let more = if self.distorted { SEEN_BYTES } else { 0 };
         check_memory(&views, TEXEL_BYTES + more)?;
         let tiles: usize = views.iter().map(|v| tile_count(&v.camera)).sum();
-        let soft = !is_point(light);
+        let soft = !light.is_point();
         control.expect(tiles * (1 + usize::from(soft)));
         // Side by side, as most of a cube's faces hold little.
         let mut maps: Vec<Maps> = views
@@ -182,7 +182,7 @@ impl Method for Ssoc {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -193,11 +193,10 @@ impl Method for Ssoc {
 impl Ssoc {
     fn ready(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<PreparedSsoc> {
-        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let start = Instant::now();
         casters.connect(false, control)?;
@@ -205,7 +204,7 @@ impl Ssoc {
         let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
         let mut reference_image = 0.0;
         let (mut maps, mut cells) = (Vec::new(), Vec::new());
-        for light in &lights {
+        for light in lights {
             control.check()?;
             let start = Instant::now();
             let edges = casters.silhouettes(light.center(), false);
@@ -213,11 +212,11 @@ impl Ssoc {
             let (mut found, [shadow, distortion]) = self.maps(&casters, &edges, light, control)?;
             shadow_map += shadow;
             let start = Instant::now();
-            let soft = self.rules.interpolate && !is_point(light);
+            let soft = self.rules.interpolate && !light.is_point();
             let soft_maps = found.iter().filter(|_| soft);
             cells.push(soft_maps.map(Cells::new).collect());
             distortion_maps += distortion + start.elapsed().as_secs_f64();
-            if self.distorted && !is_point(light) {
+            if self.distorted && !light.is_point() {
                 let start = Instant::now();
                 Ssoc::reference(&mut found, &casters, control)?;
                 reference_image += start.elapsed().as_secs_f64();
@@ -226,7 +225,7 @@ impl Ssoc {
         }
         Ok(PreparedSsoc {
             casters,
-            lights,
+            lights: lights.to_vec(),
             maps,
             cells,
             method: *self,
@@ -245,7 +244,7 @@ impl Prepared for PreparedSsoc {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let (maps, cells) = (&self.maps[light], &self.cells[light]);
         let light = &self.lights[light];
-        let (rules, hard) = (self.method.rules, is_point(light));
+        let (rules, hard) = (self.method.rules, light.is_point());
         let central = |faces: &[Maps], p: DVec3| {
             let cameras = faces.iter().map(|m| &m.view.camera);
             most_central(cameras, light.center(), p)
@@ -343,9 +342,10 @@ impl Prepared for PreparedSsoc {
 mod tests {
     use super::*;
     use crate::camera::Camera;
+    use crate::geometry::entry::Material;
     use crate::raster::nearest::NONE;
-    use crate::receivers::from_camera;
-    use crate::scene::{Material, Scene};
+    use crate::receivers::visible::from_camera;
+    use crate::scene::Scene;
     use glam::{DMat3, DVec2};
 
     const LOOKS: Material = Material {
@@ -360,7 +360,7 @@ mod tests {
         Casters::new("ssoc", star_geometry(), false).unwrap()
     }
 
-    fn star_geometry() -> Arc<Geometry> {
+    fn star_geometry() -> Arc<Snapshot> {
         let mut scene = Scene::default();
         let rim = (0..14).map(|i| {
             let angle = std::f64::consts::TAU * f64::from(i) / 14.0;
@@ -377,7 +377,7 @@ mod tests {
         scene
             .add_mesh("ground", ground, &[[0, 1, 2]], LOOKS)
             .unwrap();
-        scene.geometry().unwrap()
+        scene.snapshot().unwrap()
     }
 
     fn maps(casters: &Casters, light: &Light) -> Vec<Maps> {
@@ -486,6 +486,7 @@ mod tests {
         // Above all, and between the star and the ground, with several views.
         for height in [2.0, 0.3] {
             let light = Light::sphere(DVec3::new(0.1, -0.2, height), 0.1, [1.0; 3]).unwrap();
+            let light = light.to_local(&geometry.frame);
             let mut prepared = method.ready(geometry.clone(), &[light], &control).unwrap();
             let blocks = prepared.shade(&receivers, 0, &control).unwrap();
             let views = prepared.maps[0].iter().zip(&prepared.cells[0]);

@@ -3,9 +3,9 @@
 use pyo3::prelude::*;
 
 use crate::error::Result;
-use crate::methods::accumulation::atlas::Layout;
 use crate::methods::accumulation::{Accumulation, Content};
 use crate::python::parse::{INTERPOLATIONS, choice, parse_memory, parse_opaque};
+use crate::textures::atlas::Layout;
 
 /// The parameters of averaged hard shadows as Python has them: attributes of `softshadow.Accumulation`.
 #[derive(FromPyObject)]

@@ -3,9 +3,9 @@
 use pyo3::prelude::*;
 
 use crate::error::Result;
-use crate::methods::accumulation::atlas::Layout;
 use crate::methods::convolution::Convolution;
 use crate::python::parse::{INTERPOLATIONS, choice, parse_memory, parse_opaque};
+use crate::textures::atlas::Layout;
 
 /// The parameters of convolution as Python has them: attributes of `softshadow.Convolution`.
 #[derive(FromPyObject)]

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use pyo3::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::methods::Method;
+use crate::method::Method;
 use crate::methods::hard::Hard;
 use crate::methods::layered::Kind;
 use accumulation::AccumulationParameters;

@@ -1,0 +1,9 @@
+//! Maps of what a light sees, which several methods draw and read.
+//!
+//! - [`views`]: where maps are drawn from, one view or the faces of a cube, and what of a light they show;
+//! - [`region`]: the part of a map that can hide a light from a receiver;
+//! - [`layers`]: maps with several layers a texel.
+
+pub mod layers;
+pub mod region;
+pub mod views;
