@@ -2,10 +2,13 @@
 
 >>> import softshadow as ss
 >>> scene = ss.Scene()
->>> bunny = scene.add("bunny.ply")
->>> camera = ss.Camera(eye=(0, -130, 80), target=(0, 0, 18))
->>> light = ss.RectLight(center=(50, -10, 120), edge_u=(0, 25, 0), edge_v=(25, 0, 0))
+>>> ground = scene.add(ss.scenes.square(3))  # or a path, a trimesh.Trimesh, (vertices, faces)
+>>> ball = scene.add_spheres((0, 0, 1), 0.5)
+>>> camera = ss.Camera(eye=(0, -6, 4), target=(0, 0, 0.5), width=32, height=24)
+>>> light = ss.RectLight(center=(1, 0, 4), edge_u=(0, 1, 0), edge_v=(1, 0, 0))
 >>> image = ss.render(scene, camera, light, method="ray_traced")
+>>> image.visibility.shape
+(24, 32)
 
 Conventions: right-handed world space, world units for all sizes, arrays indexed ``[y, x]`` with
 row 0 on top, *visibility* is 1 where fully lit and 0 in the umbra.

@@ -20,6 +20,7 @@ __all__ = [
     "RGB",
     "Bar",
     "Progress",
+    "Triple",
     "Vector",
     "as_faces",
     "as_mesh",
@@ -34,13 +35,16 @@ RGB: TypeAlias = "float | tuple[float, float, float] | npt.ArrayLike"
 Vector: TypeAlias = "tuple[float, float, float] | npt.ArrayLike"
 """A point or direction: three finite numbers."""
 
+Triple: TypeAlias = "tuple[float, float, float]"
+"""A point, a direction or a colour as it is stored."""
+
 Progress: TypeAlias = "bool | Callable[[float], None]"
 """``True`` for a progress bar, or a function that is told the finished fraction (0 to 1)."""
 
 as_points = checks.points
 
 
-def as_rgb(value: RGB, what: str) -> tuple[float, float, float]:
+def as_rgb(value: RGB, what: str) -> Triple:
     """Return `value` as three non-negative floats that single precision holds.
 
     Raises
@@ -55,7 +59,7 @@ def as_rgb(value: RGB, what: str) -> tuple[float, float, float]:
     return r, g, b
 
 
-def as_vector(value: Vector, what: str) -> tuple[float, float, float]:
+def as_vector(value: Vector, what: str) -> Triple:
     """Return `value` as three finite floats.
 
     Raises

@@ -105,6 +105,17 @@ def compare(
     ValueError
         If a method is unknown, listed twice or (when listed) cannot do the scene, the camera sees
         no surface, or the reference's size is not the camera's.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> methods = ["hard", ss.RayTraced(samples=16)]
+    >>> result = ss.compare(setup.scene, setup.camera, setup.light, methods, repeats=1)
+    >>> list(result.images)
+    ['hard', 'ray_traced(samples=16)']
+    >>> bool(result.table["mae"][0] > result.table["mae"][1])
+    True
     """
     with needs("metrics", "compare"):  # all of them now, rather than after the last picture
         import flip_evaluator  # noqa: F401

@@ -59,6 +59,17 @@ def to_srgb(radiance: npt.ArrayLike, exposure: float | None = None) -> npt.NDArr
     Returns
     -------
     ndarray, shape (H, W, 3), float64
+
+    Raises
+    ------
+    ValueError
+        If the shape is another, or the exposure is not positive.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.images.to_srgb([[(0, 0.5, 1)]], exposure=1).round(3).tolist()
+    [[[0.0, 0.735, 1.0]]]
     """
     linear = checks.numbers(radiance, "radiance")
     if linear.ndim != 3 or linear.shape[2] != 3:
@@ -76,6 +87,14 @@ def to_srgb(radiance: npt.ArrayLike, exposure: float | None = None) -> npt.NDArr
 
 def check_path(path: str | os.PathLike[str]) -> Path:
     """Return `path` as a ``Path`` that `write` can write to.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Path
 
     Raises
     ------

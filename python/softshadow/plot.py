@@ -50,6 +50,15 @@ def show(
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> image = ss.render(setup.scene, setup.camera, setup.light, "hard")
+    >>> figure = ss.plot.show(image, what="radiance")
+    >>> len(figure.axes)
+    1
     """
     pixels = _pixels(image, what)
     if ax is None:

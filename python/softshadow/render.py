@@ -49,6 +49,17 @@ class Image:
         textures. A process grows by more: while maps and textures are built by up to 2.7 times
         that, with the scene by up to 400 bytes a triangle (measured at a million: 302 for
         ``hard``, 380 for ``ray_traced``), and by 256 bytes a pixel of the image.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> image = ss.render(setup.scene, setup.camera, setup.light)
+    >>> lit = image.visibility[image.mask]
+    >>> bool(lit.min() == 0), bool(lit.max() == 1)
+    (True, True)
+    >>> image.seconds["frame"] > 0
+    True
     """
 
     visibility: npt.NDArray[np.float32]
@@ -124,6 +135,21 @@ class Prepared:
         Returns
         -------
         Image
+
+        Raises
+        ------
+        TypeError
+            If `camera` is no camera.
+        ValueError
+            If the method cannot answer for this camera, which it says.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> setup = ss.scenes.half_plane(32, 24)
+        >>> prepared = ss.prepare(setup.scene, setup.light, "hard")
+        >>> prepared.render(setup.camera).radiance.shape
+        (24, 32, 3)
         """
         if not isinstance(camera, Camera):
             raise TypeError(f"camera: expected softshadow.Camera, got {type(camera).__name__}")
@@ -171,6 +197,14 @@ class Prepared:
         ------
         ValueError
             If shapes do not fit, a value is not finite, or the method needs a camera.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> setup = ss.scenes.half_plane(32, 24)
+        >>> prepared = ss.prepare(setup.scene, setup.light, ss.RayTraced(samples=64))
+        >>> prepared.visibility([(-2, 0, 0), (2, 0, 0)], [(0, 0, 1), (0, 0, 1)]).tolist()
+        [0.0, 1.0]
         """
         if not self.method.points:
             raise ValueError(f"method {self.method.name!r} needs a camera: use render")
@@ -211,6 +245,14 @@ def prepare(
     ------
     ValueError
         If the scene is empty, or the method cannot do what the scene or light needs.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> prepared = ss.prepare(setup.scene, [setup.light, setup.light], "wedges")
+    >>> [prepared.render(setup.camera).visibility.shape for _ in range(2)]
+    [(2, 24, 32), (2, 24, 32)]
     """
     return Prepared(scene, light, method, progress)
 
@@ -238,6 +280,14 @@ def render(
     -------
     Image
         Its ``seconds`` include ``prepare``.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> image = ss.render(setup.scene, setup.camera, setup.light, ss.RayTraced(samples=64))
+    >>> image.visibility.shape, image.visibility.dtype
+    ((24, 32), dtype('float32'))
     """
     chosen = resolve(method)
     bar = Bar(progress, chosen.name)
@@ -254,7 +304,37 @@ def visibility(
     method: MethodLike = "ray_traced",
     progress: Progress = False,
 ) -> npt.NDArray[np.float32]:
-    """Return the visibility of the lights from points; see `Prepared.visibility`."""
+    """Return the visibility of the lights from points.
+
+    Parameters
+    ----------
+    scene : Scene
+    points, normals
+        As of `Prepared.visibility`.
+    light : light or sequence of lights
+    method : str or method
+        A name (see `method_names`) or a configured object, which answers at points.
+    progress : bool or callable
+        As in `render`.
+
+    Returns
+    -------
+    ndarray, shape (N,) or (L, N), float32
+        (L, N) when the lights are a sequence.
+
+    Raises
+    ------
+    ValueError
+        As `prepare` and `Prepared.visibility`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> points, normals = [(-2, 0, 0), (2, 0, 0)], [(0, 0, 1), (0, 0, 1)]
+    >>> ss.visibility(setup.scene, points, normals, setup.light, "hard").tolist()
+    [0.0, 1.0]
+    """
     chosen = resolve(method)
     bar = Bar(progress, chosen.name)
     with bar:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import _core, checks
-from softshadow.arguments import RGB, as_faces, as_rgb
+from softshadow.arguments import RGB, Triple, as_faces, as_rgb
 from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
 
 if TYPE_CHECKING:
@@ -65,13 +65,18 @@ class Mesh(_Entry):
     vertices: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int64]
     transform: npt.NDArray[np.float64]
-    albedo: tuple[float, float, float]
+    albedo: Triple
     opacity: float
     casts: bool
     receives: bool
 
     def world_vertices(self) -> npt.NDArray[np.float64]:
-        """Return the vertices in world space, shape (V, 3)."""
+        """Return the vertices in world space.
+
+        Returns
+        -------
+        ndarray, shape (V, 3), float64
+        """
         rotated: npt.NDArray[np.float64] = self.vertices @ self.transform[:3, :3].T
         return rotated + self.transform[:3, 3]
 
@@ -82,6 +87,8 @@ class Curves(Mesh):
 
     Attributes
     ----------
+    name, vertices, faces, transform, albedo, opacity, casts, receives
+        As of `Mesh`; the vertices and faces are those of the tubes.
     points : ndarray, shape (P, 3), float64
         Object space.
     offsets : ndarray, shape (C + 1,), int64
@@ -115,7 +122,7 @@ class Spheres(_Entry):
     name: str
     centers: npt.NDArray[np.float64]
     radii: npt.NDArray[np.float64]
-    albedo: tuple[float, float, float]
+    albedo: Triple
     opacity: float
     casts: bool
     receives: bool
@@ -127,6 +134,21 @@ class Scene:
     What `render` builds for a scene (adjacency, bounding volume hierarchy) is kept with it, and
     rebuilt or refitted where it changes. Scenes can be pickled; `copy.copy`, `copy.deepcopy` and
     `copy` make independent ones. A scene equals itself only, since it can change.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> scene = ss.Scene()
+    >>> scene.add(ss.scenes.square(2), name="ground")
+    'ground'
+    >>> scene.add_spheres([(0, 0, 1)], 0.25)
+    'spheres'
+    >>> scene.names
+    ('ground', 'spheres')
+    >>> scene["ground"].albedo
+    (0.8, 0.8, 0.8)
+    >>> scene.bounds.tolist()
+    [[-2.0, -2.0, 0.0], [2.0, 2.0, 1.25]]
     """
 
     def __init__(self) -> None:
@@ -135,7 +157,23 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | PathLike[str], **options: Any) -> Scene:
-        """Return a scene with one file's meshes; `options` go to `add`."""
+        """Return a scene with one file's meshes.
+
+        Parameters
+        ----------
+        path : path
+        **options
+            As of `add`.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        ValueError
+            As `add`.
+        """
         scene = cls()
         scene.add(path, **options)
         return scene
@@ -252,6 +290,15 @@ class Scene:
             nothing is dropped or repaired on the way.
         TypeError
             If `mesh` is of another type.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> scene.add(([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]), "leaf", opacity=0.5)
+        'leaf'
+        >>> scene.triangle_count
+        1
         """
         is_path = isinstance(mesh, (str, PathLike))
         limits = (
@@ -304,6 +351,13 @@ class Scene:
         ------
         ValueError
             If shapes do not fit or a value is not finite or not positive.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> scene.add_spheres([(0, 0, 1), (1, 0, 1)], [0.25, 0.5], albedo=(0.8, 0.2, 0.2))
+        'spheres'
         """
         base = self._new_name(name, "spheres")
         c, r = _sphere_arrays(f"spheres {base!r}", centers, radii)
@@ -359,6 +413,15 @@ class Scene:
             not finite, a radius is not positive, or an option is out of range.
         TypeError
             If offsets are not integers.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> scene.add_curves([(0, 0, 0), (0, 0, 1), (1, 0, 0), (1, 0, 1)], [0, 2, 4], 0.01)
+        'curves'
+        >>> scene["curves"].sides
+        3
         """
         base = self._new_name(name, "curves")
         p, o, r = curve_arrays(f"curves {base!r}", points, offsets, radii)
@@ -372,7 +435,12 @@ class Scene:
         return base
 
     def copy(self) -> Scene:
-        """Return an independent scene with the same entries, of which nothing is built yet."""
+        """Return an independent scene with the same entries, of which nothing is built yet.
+
+        Returns
+        -------
+        Scene
+        """
         return scene_of(self.entries)
 
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
@@ -389,6 +457,15 @@ class Scene:
         ------
         ValueError
             If there is no such mesh, or the matrix is not finite, not affine or singular.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> board = scene.add(ss.scenes.square(1))
+        >>> scene.set_transform(board, [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]])
+        >>> scene.bounds[:, 2].tolist()
+        [5.0, 5.0]
         """
         entry = mesh_of(self, name)
         placed = checks.frozen(self._place(name, matrix))
@@ -418,6 +495,16 @@ class Scene:
         ValueError
             If there is no such mesh, the count differs, a coordinate is not finite, or joined
             vertices are torn apart; for curves as `add_curves`.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> vertices, faces = ss.scenes.square(1)
+        >>> board = scene.add((vertices, faces))
+        >>> scene.set_vertices(board, 2 * vertices)
+        >>> scene.bounds[:, 0].tolist()
+        [-2.0, 2.0]
         """
         entry = mesh_of(self, name)
         v = _as_vertices(vertices, f"mesh {name!r}")
@@ -483,6 +570,15 @@ class Scene:
         ------
         ValueError
             If there is no such entry, or a value is out of its range.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> board = scene.add(ss.scenes.square(1))
+        >>> scene.set_look(board, opacity=0.25, casts=False)
+        >>> scene[board].opacity, scene[board].casts
+        (0.25, False)
         """
         e = self._entry(name)
         look = _look(
@@ -498,6 +594,11 @@ class Scene:
 
     def remove(self, name: str) -> None:
         """Take an entry out of the scene; those after it move up in ``mesh_id``.
+
+        Parameters
+        ----------
+        name : str
+            As returned by `add`, `add_spheres` or `add_curves`.
 
         Raises
         ------
@@ -578,7 +679,7 @@ def _kind(entry: Mesh | Spheres) -> str:
     return "mesh" if isinstance(entry, Mesh) else "spheres"
 
 
-Look: TypeAlias = "tuple[tuple[float, float, float], float, bool, bool]"
+Look: TypeAlias = "tuple[Triple, float, bool, bool]"
 """Albedo, opacity, whether it casts, whether it receives."""
 
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -79,7 +79,13 @@ class Bake(Sequence[BakedTexture]):
     def __len__(self) -> int:
         return len(self._job)
 
-    def __getitem__(self, index: Any) -> Any:
+    @overload
+    def __getitem__(self, index: int) -> BakedTexture: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[BakedTexture]: ...
+
+    def __getitem__(self, index: int | slice) -> BakedTexture | list[BakedTexture]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         i = range(len(self))[index]
@@ -91,7 +97,22 @@ class Bake(Sequence[BakedTexture]):
         return (self[i] for i in range(len(self)))
 
     def of(self, receiver: str) -> list[BakedTexture]:
-        """Return the textures of one receiver."""
+        """Return the textures of one receiver.
+
+        Parameters
+        ----------
+        receiver : str
+            Name of the scene's entry.
+
+        Returns
+        -------
+        list of BakedTexture
+
+        Raises
+        ------
+        ValueError
+            If it has none.
+        """
         found = [self[i] for i in range(len(self)) if self._job.receiver(i) == receiver]
         if not found:
             raise ValueError(f"bake: no textures of {receiver!r}")
@@ -114,6 +135,16 @@ class Bake(Sequence[BakedTexture]):
         ValueError
             If the method is not `Accumulation`, the points are fewer than there are, or eight bits
             cannot be divided among so many.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> setup = ss.scenes.half_plane(32, 24)
+        >>> method = ss.Accumulation(samples=16, max_size=32)
+        >>> textures = ss.bake(setup.scene, setup.light, "receiver", method)
+        >>> textures.refine()
+        >>> textures.samples
+        32
         """
         self._job.refine(samples, progress)
         self._known.clear()
@@ -129,6 +160,27 @@ class Bake(Sequence[BakedTexture]):
 
         For PNGs of radiance all textures are exposed alike: by `exposure`, or by the one that suits
         the brightest of them.
+
+        Parameters
+        ----------
+        folder : path
+            Must exist.
+        suffix : {".png", ".exr", ".npy"}
+            As of `softshadow.images.write`.
+        what : {"radiance", "modulation", "visibility"}
+            Which of a texture's arrays.
+        exposure : float, optional
+            Of radiance in PNGs.
+
+        Returns
+        -------
+        list of Path
+            What was written.
+
+        Raises
+        ------
+        ValueError, OSError
+            As `softshadow.images.write`.
         """
         if what == "radiance" and exposure is None and suffix.lower() == ".png":
             exposure = min((images.auto_exposure(t.radiance) for t in self), default=1.0)
@@ -273,6 +325,14 @@ def bake(
     ValueError
         If a name is unknown or not of a mesh that receives, texture coordinates do not fit, the
         method needs a camera, or the textures take more memory than `Accumulation.memory_limit`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> textures = ss.bake(setup.scene, setup.light, "receiver", max_size=32)
+    >>> textures[0].radiance.shape
+    (32, 32, 3)
     """
     chosen = resolve(method)
     names = _names(scene, receivers)

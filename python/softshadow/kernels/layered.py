@@ -175,6 +175,15 @@ def trace_layered_maps(
         point or normal is not finite, or a parameter is out of its range.
     TypeError
         If an array has the wrong kind of numbers.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> maps = ss.kernels.layered_maps(setup.scene, setup.light, ss.Slsm(resolution=128))
+    >>> points, normals = [(-0.9, 0, 0), (0.9, 0, 0)], [(0, 0, 1), (0, 0, 1)]
+    >>> ss.kernels.trace_layered_maps(maps, setup.light, points, normals, ss.Slsm()).tolist()
+    [0.0, 1.0]
     """
     chosen = method or Mtsm()
     frames = {_frame(m) for m in maps}

@@ -36,6 +36,14 @@ def unshadowed_irradiance(light: Light, points: npt.ArrayLike, normals: npt.Arra
     Returns
     -------
     ndarray, shape (N,), float64
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> light = ss.SphereLight((0, 0, 4), 1)  # of which a surface below sees π (1 / 4)²
+    >>> irradiance = ss.kernels.unshadowed_irradiance(light, [(0, 0, 0)], [(0, 0, 1)])
+    >>> round(float(irradiance[0]), 6)
+    0.19635
     """
     result: _Doubles = _kernels.unshadowed_irradiance(
         light._core, as_points(points, "points"), as_points(normals, "normals")
@@ -60,6 +68,13 @@ def light_fraction_above(
     Returns
     -------
     ndarray, shape (N,), float64
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> light = ss.DiskLight((0, 0, 4), (0, 0, -1), 1)
+    >>> ss.kernels.light_fraction_above(light, [(0, 0, 0)] * 2, [(0, 0, 1), (1, 0, 0)]).tolist()
+    [1.0, 0.5]
     """
     n = None if normals is None else as_points(normals, "normals")
     result: _Doubles = _kernels.light_fraction_above(light._core, as_points(points, "points"), n)
@@ -91,6 +106,14 @@ def light_samples(
         does not emit towards the point.
     colours : ndarray, shape (samples, 3), float32
         Radiance of each sample.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> light = ss.SphereLight((0, 0, 4), 0.5)
+    >>> points, weights, colours = ss.kernels.light_samples(light, (0, 0, 0), samples=16)
+    >>> points.shape, weights.shape, colours.shape
+    ((16, 3), (16,), (16, 3))
     """
     checked = RayTraced(samples=samples, seed=seed)
     points, weights, colours = _kernels.light_samples(
@@ -129,6 +152,15 @@ def transmittance(
     ------
     ValueError
         If the shapes differ or a coordinate is not finite.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> scene = ss.Scene()
+    >>> sheet = scene.add(ss.scenes.square(1), opacity=0.75)
+    >>> below, above = [(0.5, 0, -1), (2, 0, -1)], [(0.5, 0, 1), (2, 0, 1)]
+    >>> ss.kernels.transmittance(scene, below, above).tolist()
+    [0.25, 1.0]
     """
     with Bar(progress, "transmittance") as report:
         result: _Floats = _kernels.transmittance(

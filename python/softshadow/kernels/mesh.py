@@ -42,6 +42,13 @@ def mesh_edges(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> tuple[_Ints, _I
     ------
     ValueError
         If the mesh is invalid, as in `Scene.add`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> edges, counts = ss.kernels.mesh_edges(*ss.scenes.square(1))
+    >>> int(counts[edges.tolist().index([0, 2])])  # the diagonal
+    2
     """
     edges, counts = _kernels.mesh_edges(*as_mesh(vertices, faces))
     return edges, counts
@@ -143,6 +150,12 @@ def silhouette_loops(
     ------
     ValueError
         If the mesh is invalid, as in `Scene.add`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> [loop.tolist() for loop in ss.kernels.silhouette_loops(*ss.scenes.square(1), (0, 0, 5))]
+    [[0, 1, 2, 3]]
     """
     loops: list[_Ints] = _kernels.silhouette_loops(
         *as_mesh(vertices, faces), as_vector(viewpoint, "viewpoint")

@@ -48,6 +48,14 @@ def rasterize(
     ------
     ValueError
         If the mesh is invalid, as in `Scene.add`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> camera = ss.Camera((0, 0, 5), (0, 0, 0), up=(0, 1, 0), width=32, height=24)
+    >>> triangle_id, depth = ss.kernels.rasterize(*ss.scenes.square(1), camera)
+    >>> int(triangle_id[0, 0]), float(depth[0, 0]), float(depth[12, 16])
+    (-1, inf, 5.0)
     """
     with Bar(progress, "rasterize") as report:
         ids, depth = _kernels.rasterize(*as_mesh(vertices, faces), camera._core, report)

@@ -48,6 +48,14 @@ class Accumulation(Method):
     opacity : {"opaque"}, optional
         ``"opaque"`` lets every mesh with an opacity above 0 block all light. Without, each crossing
         multiplies transmittance.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> method = ss.Accumulation(samples=16, max_size=64)
+    >>> ss.render(setup.scene, setup.camera, setup.light, method).visibility.shape
+    (24, 32)
     """
 
     samples: int = 128

@@ -51,7 +51,12 @@ class Method:
         self._to_core()  # knows the ranges of fractions, and what does not go together
 
     def parameters(self) -> dict[str, Any]:
-        """Return the parameters by name."""
+        """Return the parameters by name.
+
+        Returns
+        -------
+        dict of str to int, float, bool, str or None
+        """
         return asdict(self)
 
     def _to_core(self) -> _core.Method:

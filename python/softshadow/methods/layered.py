@@ -120,6 +120,14 @@ class Mtsm(Method):
         crossed the layers before).
     opacity : {"opaque"}, optional
         ``"opaque"`` lets every mesh with an opacity above 0 block all light.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.tilted_sheet(32, 24, opacity=0.5)
+    >>> image = ss.render(setup.scene, setup.camera, setup.light, ss.Mtsm(resolution=64))
+    >>> round(float(image.visibility[12, 16]), 3)
+    0.5
     """
 
     resolution: int | None = None

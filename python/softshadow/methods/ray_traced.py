@@ -26,6 +26,12 @@ class RayTraced(Method):
     cull : bool
         Settle groups of light samples that no silhouette edge separates with one ray. The result
         is the same to the last bit; ``False`` traces every sample, to measure what it gains.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.RayTraced(samples=64).parameters()
+    {'samples': 64, 'seed': 0, 'pattern': 'per_receiver', 'cull': True}
     """
 
     samples: int = 256

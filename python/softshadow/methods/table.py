@@ -44,7 +44,19 @@ MethodLike: TypeAlias = "str | Method"
 
 
 def method_names() -> tuple[str, ...]:
-    """Return the names that ``method=`` takes."""
+    """Return the names that ``method=`` takes.
+
+    Returns
+    -------
+    tuple of str
+        In alphabetical order.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> "ray_traced" in ss.method_names()
+    True
+    """
     return tuple(METHODS)
 
 

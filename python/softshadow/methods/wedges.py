@@ -73,6 +73,14 @@ class Wedges(Method):
     cull : bool
         Skip what cannot reach a tile of the image or a group of its pixels; ``False`` measures what
         that gains.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> paper = ss.Wedges(falloff="smooth", overlap="add", buffer="integer", planes="paper")
+    >>> ss.render(setup.scene, setup.camera, setup.light, paper).visibility.shape
+    (24, 32)
     """
 
     falloff: Literal["light", "line", "linear", "smooth"] = "light"

@@ -53,12 +53,16 @@ class RayOffset:
     contact: npt.NDArray[np.bool_]
 
     def lift(self, radiance: npt.ArrayLike, unshadowed: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Return an image's radiance, shape (H, W, 3), with its receivers lifted.
+        """Return an image's radiance with its receivers lifted.
 
         Parameters
         ----------
         radiance, unshadowed : array_like, shape (H, W, 3)
             With and without occluders (see `unshadowed`).
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3), float64
         """
         change = self.change[..., None] * checks.numbers(unshadowed, "unshadowed")
         lifted: npt.NDArray[np.float64] = checks.numbers(radiance, "radiance") + change
@@ -142,7 +146,19 @@ def ray_offset(scene: Scene, image: Image, light: Light, samples: int = 1024) ->
 
 
 def unshadowed(scene: Scene, camera: Camera, light: LightLike) -> npt.NDArray[np.float64]:
-    """Return the radiance without occluders, in closed form, shape (H, W, 3), linear RGB."""
+    """Return the radiance without occluders, in closed form.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera
+    light : light or sequence of lights
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), float64
+        Linear RGB.
+    """
     return render(_without_occluders(scene), camera, light, "hard").radiance.astype(np.float64)
 
 
@@ -158,7 +174,18 @@ def _without_occluders(scene: Scene) -> Scene:
 
 
 def sidak(alpha: float, tests: int) -> float:
-    """Return the level of each of `tests` independent tests whose joint level is `alpha`."""
+    """Return the level of each of `tests` independent tests whose joint level is `alpha`.
+
+    Parameters
+    ----------
+    alpha : float
+        The joint level, 0 to 1.
+    tests : int
+
+    Returns
+    -------
+    float
+    """
     return float(-np.expm1(np.log1p(-alpha) / max(tests, 1)))
 
 

@@ -167,12 +167,12 @@ def _sensor(mi: ModuleType, scene: Scene, camera: Camera, samples: int) -> dict[
 
 
 def _light(mi: ModuleType, light: Light) -> dict[str, Any]:
-    emitter = {"type": "area", "radiance": {"type": "rgb", "value": list(light.radiance)}}  # type: ignore[arg-type]
+    emitter = {"type": "area", "radiance": {"type": "rgb", "value": list(light.radiance)}}
     if isinstance(light, SphereLight):
         _need_size(light.radius, "SphereLight.radius")
         return {
             "type": "sphere",
-            "center": list(light.center),  # type: ignore[arg-type]
+            "center": list(light.center),
             "radius": light.radius,
             "emitter": emitter,
         }

@@ -16,7 +16,7 @@ from softshadow.scenes.dense import fur_ball, statue, tree
 from softshadow.scenes.map_artifacts import ball, oblique_board, stacked_boards, standing_cylinder
 from softshadow.scenes.models import city_path, stanford_bunny_path
 from softshadow.scenes.ssoc_paper import aircraft, bunny_and_sphere, fork, two_teapots
-from softshadow.scenes.staging import Setup
+from softshadow.scenes.staging import Setup, light_towards, square
 from softshadow.scenes.wedges_paper import (
     acute_triangle,
     growing_light,
@@ -41,8 +41,10 @@ __all__ = [
     "growing_light",
     "half_plane",
     "landscape",
+    "light_towards",
     "oblique_board",
     "overlapping_boards",
+    "square",
     "stacked_boards",
     "standing_cylinder",
     "stanford_bunny_path",

@@ -192,6 +192,13 @@ def half_plane(
     ------
     ValueError
         If the heights are not in order, or the light is of another shape.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> setup.visibility([(-2, 0, 0), (0, 0, 0), (2, 0, 0)]).tolist()
+    [0.0, 0.5, 1.0]
     """
     clearance = light_size / 2 if light == "sphere" else 0.0
     if not 0 < blocker_height < light_height - clearance:

@@ -59,6 +59,25 @@ def light_towards(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.
     """Return a light of width `size` at `center` that faces `aim`.
 
     Its radiance makes a white surface at `aim` that faces it reflect a radiance of about 1.
+
+    Parameters
+    ----------
+    kind : {"rect", "disk", "sphere"}
+    center : array_like, shape (3,)
+        World position.
+    size : float
+        Edge or diameter, world units.
+    aim : array_like, shape (3,)
+        World position that it faces.
+
+    Returns
+    -------
+    RectLight, DiskLight or SphereLight
+
+    Raises
+    ------
+    ValueError
+        If `kind` is none of these.
     """
     c = np.asarray(center, dtype=np.float64)
     n = np.asarray(aim, dtype=np.float64) - c
@@ -79,7 +98,20 @@ def light_towards(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.
 
 
 def square(half: float, z: float = 0.0) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Return a square with edge ``2 · half`` around the z axis, facing up."""
+    """Return a square with edge ``2 · half`` around the z axis, facing up.
+
+    Parameters
+    ----------
+    half : float
+        Half the edge, world units.
+    z : float
+        Its height, world units.
+
+    Returns
+    -------
+    vertices : ndarray, shape (4, 3), float64
+    faces : ndarray, shape (2, 3), int64
+    """
     h = half
     vertices = np.array([[-h, -h, z], [h, -h, z], [h, h, z], [-h, h, z]])
     return vertices, np.array([[0, 1, 2], [0, 2, 3]])
