@@ -216,3 +216,18 @@ def test_every_extra_that_is_named_exists_and_is_installed_for_tests():
     assert set(re.search(r'^all = \["softshadow\[(.*)\]"\]$', text, re.M)[1].split(",")) == every
     makefile = (ROOT / "Makefile").read_text()
     assert set(re.search(r"^EXTRAS := (.*)$", makefile, re.M)[1].split(",")) == every
+
+
+def test_links_of_the_readme_work_from_the_package_index():
+    """They are absolute, and those into the project lead to files that are there."""
+    readme = (ROOT / "README.md").read_text()
+    project = re.search(r'^Homepage = "(.*)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    raw = project.replace("https://github.com/", "https://raw.githubusercontent.com/")
+    links = re.findall(r"\]\(([^)\s]+)\)", readme)
+    assert links
+    for link in links:
+        assert re.match(r"https://|#", link), link
+        for start in (f"{project}/blob/main/", f"{project}/tree/main/", f"{raw}/main/"):
+            if link.startswith(start):
+                path = ROOT / link.removeprefix(start).partition("#")[0]
+                assert path.is_dir() if "/tree/" in start else path.is_file(), link
