@@ -29,6 +29,7 @@ from softshadow._core import (
 from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
+from softshadow.entries import Curves, Mesh, Spheres
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
     Accumulation,
@@ -50,10 +51,11 @@ from softshadow.methods import (
 )
 from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
-from softshadow.scene import Curves, Mesh, Scene, Spheres
+from softshadow.scene import Scene
 
 for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
     _error.__module__ = __name__  # where users and pickles find them
+del _error
 
 if _TYPE_CHECKING:
     from softshadow import mitsuba, plot, scenes

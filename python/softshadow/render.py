@@ -11,9 +11,10 @@ import numpy.typing as npt
 from softshadow import _core, checks
 from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
+from softshadow.entries import Mesh, Spheres
 from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Method, MethodLike, resolve
-from softshadow.scene import Mesh, Scene, Spheres, scene_of
+from softshadow.scene import Scene, scene_of
 
 
 @dataclass(frozen=True, eq=False)

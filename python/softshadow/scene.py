@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -13,119 +12,29 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import _core, checks
-from softshadow.arguments import RGB, Triple, as_faces, as_rgb
+from softshadow.arguments import RGB, as_faces
+from softshadow.entries import (
+    SIDES,
+    Curves,
+    Mesh,
+    Spheres,
+    as_look,
+    as_vertices,
+    curve_arrays,
+    kind_of,
+    sphere_arrays,
+)
 from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
 
 if TYPE_CHECKING:
     import trimesh
-    from typing_extensions import Self
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
 )
 """What `Scene.add` takes."""
 
-
-class _Entry:
-    """What entries share: they cannot be changed, also after a process boundary."""
-
-    def __copy__(self) -> Self:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            kept = checks.frozen(value) if isinstance(value, np.ndarray) else value
-            object.__setattr__(self, name, kept)
-
-
-@dataclass(frozen=True, eq=False)
-class Mesh(_Entry):
-    """One entry of a scene: a triangle mesh, as it was when the scene was asked for it.
-
-    Its fields and arrays cannot be changed: `Scene.set_vertices`, `Scene.set_transform` and
-    `Scene.set_look` change what is in the scene.
-
-    Attributes
-    ----------
-    name : str
-    vertices : ndarray, shape (V, 3), float64
-        Object space.
-    faces : ndarray, shape (F, 3), int64
-    transform : ndarray, shape (4, 4), float64
-        Object to world.
-    albedo : tuple of 3 floats
-    opacity : float
-    casts, receives : bool
-    """
-
-    name: str
-    vertices: npt.NDArray[np.float64]
-    faces: npt.NDArray[np.int64]
-    transform: npt.NDArray[np.float64]
-    albedo: Triple
-    opacity: float
-    casts: bool
-    receives: bool
-
-    def world_vertices(self) -> npt.NDArray[np.float64]:
-        """Return the vertices in world space.
-
-        Returns
-        -------
-        ndarray, shape (V, 3), float64
-        """
-        rotated: npt.NDArray[np.float64] = self.vertices @ self.transform[:3, :3].T
-        return rotated + self.transform[:3, 3]
-
-
-@dataclass(frozen=True, eq=False)
-class Curves(Mesh):
-    """One entry of a scene: curves such as hair, and the mesh of tubes that stands for them.
-
-    Attributes
-    ----------
-    name, vertices, faces, transform, albedo, opacity, casts, receives
-        As of `Mesh`; the vertices and faces are those of the tubes.
-    points : ndarray, shape (P, 3), float64
-        Object space.
-    offsets : ndarray, shape (C + 1,), int64
-        Curve ``c`` has the points ``offsets[c]`` to ``offsets[c + 1] - 1``.
-    radii : ndarray, shape (1,), (C,) or (P,), float64
-    sides : int
-        Flat sides of each tube.
-    """
-
-    points: npt.NDArray[np.float64]
-    offsets: npt.NDArray[np.int64]
-    radii: npt.NDArray[np.float64]
-    sides: int
-
-
-@dataclass(frozen=True, eq=False)
-class Spheres(_Entry):
-    """One entry of a scene: analytic spheres, exact outlines without triangles.
-
-    Attributes
-    ----------
-    name : str
-    centers : ndarray, shape (N, 3), float64
-        World space.
-    radii : ndarray, shape (N,), float64
-    albedo : tuple of 3 floats
-    opacity : float
-    casts, receives : bool
-    """
-
-    name: str
-    centers: npt.NDArray[np.float64]
-    radii: npt.NDArray[np.float64]
-    albedo: Triple
-    opacity: float
-    casts: bool
-    receives: bool
+__all__ = ["MeshLike", "Scene", "mesh_of", "scene_of"]
 
 
 class Scene:
@@ -307,7 +216,7 @@ class Scene:
         )
         vertices, faces = _arrays(mesh, *limits)
         base = self._new_name(name, Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
-        look = _look(f"mesh {base!r}", albedo, opacity, casts, receives)
+        look = as_look(f"mesh {base!r}", albedo, opacity, casts, receives)
         self._core.add_mesh(base, vertices, faces, *look)
         if transform is not None:
             try:
@@ -360,8 +269,8 @@ class Scene:
         'spheres'
         """
         base = self._new_name(name, "spheres")
-        c, r = _sphere_arrays(f"spheres {base!r}", centers, radii)
-        look = _look(f"spheres {base!r}", albedo, opacity, casts, receives)
+        c, r = sphere_arrays(f"spheres {base!r}", centers, radii)
+        look = as_look(f"spheres {base!r}", albedo, opacity, casts, receives)
         self._core.add_spheres(base, c, r, *look)
         self._entries[base] = Spheres(base, checks.frozen(c), checks.frozen(r), *look)
         return base
@@ -426,7 +335,7 @@ class Scene:
         base = self._new_name(name, "curves")
         p, o, r = curve_arrays(f"curves {base!r}", points, offsets, radii)
         n = checks.integer(sides, f"curves {base!r}: sides", *SIDES)
-        look = _look(f"curves {base!r}", albedo, opacity, casts, receives)
+        look = as_look(f"curves {base!r}", albedo, opacity, casts, receives)
         vertices, faces = _core.kernels.curve_tubes(f'curves "{base}"', p, o, r, n)
         self._core.add_mesh(base, vertices, faces, *look)
         shape = checks.frozen(vertices), checks.frozen(faces), checks.frozen(np.eye(4))
@@ -507,7 +416,7 @@ class Scene:
         [-2.0, 2.0]
         """
         entry = mesh_of(self, name)
-        v = _as_vertices(vertices, f"mesh {name!r}")
+        v = as_vertices(vertices, f"mesh {name!r}")
         if isinstance(entry, Curves):
             what = f'curves "{name}"'
             if v.shape != entry.points.shape:
@@ -544,7 +453,7 @@ class Scene:
         if not isinstance(entry, Spheres):
             raise ValueError(f"mesh {name!r}: expected the name of spheres")
         what = f"spheres {name!r}"
-        c, r = _sphere_arrays(what, centers, entry.radii if radii is None else radii)
+        c, r = sphere_arrays(what, centers, entry.radii if radii is None else radii)
         self._core.set_spheres(name, c, r)
         self._entries[name] = replace(entry, centers=checks.frozen(c), radii=checks.frozen(r))
 
@@ -581,8 +490,8 @@ class Scene:
         (0.25, False)
         """
         e = self._entry(name)
-        look = _look(
-            f"{_kind(e)} {name!r}",
+        look = as_look(
+            f"{kind_of(e)} {name!r}",
             e.albedo if albedo is None else albedo,
             e.opacity if opacity is None else opacity,
             e.casts if casts is None else casts,
@@ -639,10 +548,6 @@ class Scene:
         return f"Scene({', '.join(self._entries)}; {self.triangle_count} triangles)"
 
 
-SIDES = (3, 64)
-"""Flat sides that a curve's tube may have."""
-
-
 def mesh_of(scene: Scene, name: str) -> Mesh:
     """Return a scene's entry that is a mesh, curves included.
 
@@ -651,9 +556,9 @@ def mesh_of(scene: Scene, name: str) -> Mesh:
     ValueError
         If there is none of that name.
     """
-    entry = scene._entries.get(name) if isinstance(name, str) else None
+    entry = scene[name] if isinstance(name, str) and name in scene else None
     if not isinstance(entry, Mesh):
-        raise ValueError(f"scene: no mesh named {name!r}; it has {list(scene._entries)}")
+        raise ValueError(f"scene: no mesh named {name!r}; it has {list(scene)}")
     return entry
 
 
@@ -672,63 +577,6 @@ def scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
         if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):
             scene.set_transform(e.name, e.transform)
     return scene
-
-
-def _kind(entry: Mesh | Spheres) -> str:
-    """Return what messages call an entry."""
-    return "mesh" if isinstance(entry, Mesh) else "spheres"
-
-
-Look: TypeAlias = "tuple[Triple, float, bool, bool]"
-"""Albedo, opacity, whether it casts, whether it receives."""
-
-
-def _look(what: str, albedo: RGB, opacity: float, casts: bool, receives: bool) -> Look:
-    """Return how an entry looks, checked."""
-    rgb = as_rgb(albedo, f"{what}: albedo")
-    o = checks.number(opacity, f"{what}: opacity", "a number between 0 and 1", finite=False)
-    if not 0 <= o <= 1:  # here, since the core would see it rounded to single precision
-        got = "NaN" if math.isnan(o) else opacity
-        entry = what.replace("'", '"')  # as the core has it
-        raise ValueError(f"{entry}: opacity must be between 0 and 1, got {got}")
-    flags = checks.flag(casts, f"{what}: casts"), checks.flag(receives, f"{what}: receives")
-    return rgb, o, *flags
-
-
-def _as_vertices(vertices: npt.ArrayLike, what: str = "mesh") -> npt.NDArray[np.float64]:
-    v = checks.numbers(vertices, f"{what}: vertices", "numbers")
-    if v.ndim != 2 or v.shape[1] != 3:
-        raise ValueError(f"{what}: expected vertices of shape (V, 3), got {v.shape}")
-    return v
-
-
-def _sphere_arrays(
-    what: str, centers: npt.ArrayLike, radii: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return private, contiguous copies; the core checks their values."""
-    c = np.atleast_2d(checks.numbers(centers, f"{what}: centers"))
-    r = checks.numbers(radii, f"{what}: radii")
-    if c.ndim != 2 or c.shape[1] != 3:
-        raise ValueError(f"{what}: expected centers of shape (N, 3), got {c.shape}")
-    if r.shape not in ((), (len(c),)):
-        raise ValueError(f"{what}: expected {len(c)} radii, got shape {r.shape}")
-    return c, np.array(np.broadcast_to(r, (len(c),)))
-
-
-def curve_arrays(
-    what: str, points: npt.ArrayLike, offsets: npt.ArrayLike, radii: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Return private, contiguous copies of the arrays of curves; the core checks their values."""
-    p = checks.numbers(points, f"{what}: points", "numbers")
-    r = np.atleast_1d(checks.numbers(radii, f"{what}: radii", "numbers"))
-    o = checks.indices(offsets, f"{what}: offsets")
-    if p.ndim != 2 or p.shape[1] != 3:
-        raise ValueError(f"{what}: expected points of shape (P, 3), got {p.shape}")
-    if o.ndim != 1:
-        raise ValueError(f"{what}: expected offsets of shape (C + 1,), got {o.shape}")
-    if r.ndim != 1:
-        raise ValueError(f"{what}: expected radii of shape (), (C,) or (P,), got {r.shape}")
-    return p, o, r
 
 
 def _arrays(
@@ -751,5 +599,5 @@ def _arrays(
             "mesh: expected trimesh.Trimesh, trimesh.Scene, a path or a pair "
             f"(vertices, faces), got {type(mesh).__name__}"
         )
-    v = _as_vertices(vertices)
+    v = as_vertices(vertices)
     return v, as_faces(faces, "mesh: faces", len(v))

@@ -24,9 +24,10 @@ from softshadow.bake.sources import (
     unwrapped_chart,
 )
 from softshadow.bake.textures import BakedTexture, Polygon, Side
+from softshadow.entries import Mesh
 from softshadow.light import LightLike, as_lights
 from softshadow.methods import Accumulation, Method, MethodLike, resolve
-from softshadow.scene import Mesh, Scene, mesh_of
+from softshadow.scene import Scene, mesh_of
 
 __all__ = ["Bake", "bake", "bake_layout"]
 

@@ -17,11 +17,12 @@ from softshadow import _core, kernels
 from softshadow.arguments import Bar, Progress
 from softshadow.bake.textures import BakedTexture, Polygon, Side
 from softshadow.camera import Camera
+from softshadow.entries import Mesh, Spheres
 from softshadow.extras import needs
 from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Accumulation, Method
 from softshadow.render import Prepared
-from softshadow.scene import Mesh, Scene, Spheres, mesh_of, scene_of
+from softshadow.scene import Scene, mesh_of, scene_of
 
 __all__ = [
     "POINT_BYTES",

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from softshadow import checks
 from softshadow._core import kernels as _kernels
 from softshadow.arguments import Vector, as_mesh, as_vector
-from softshadow.scene import SIDES, curve_arrays
+from softshadow.entries import SIDES, curve_arrays
 
 __all__ = [
     "curve_tubes",

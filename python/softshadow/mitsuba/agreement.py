@@ -14,11 +14,12 @@ import numpy.typing as npt
 
 from softshadow import checks
 from softshadow.camera import Camera
+from softshadow.entries import Mesh
 from softshadow.extras import needs
 from softshadow.light import Light, LightLike
 from softshadow.methods import RayTraced
 from softshadow.render import Image, prepare, render
-from softshadow.scene import Mesh, Scene
+from softshadow.scene import Scene
 
 if TYPE_CHECKING:
     from softshadow.mitsuba.image import MitsubaImage

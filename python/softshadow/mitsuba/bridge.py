@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow.camera import Camera
+from softshadow.entries import Mesh
 from softshadow.extras import needs
 from softshadow.light import DiskLight, Light, LightLike, SphereLight, as_lights
 from softshadow.mitsuba.image import MitsubaImage
-from softshadow.scene import Mesh, Scene
+from softshadow.scene import Scene
 
 if TYPE_CHECKING:
     from types import ModuleType
