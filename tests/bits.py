@@ -1,4 +1,4 @@
-"""Digests of every picture and kernel's result that the tests make, to compare two builds of the package.
+"""Digests of every picture and kernel's result that the tests make, to compare two builds.
 
 ``python -m pytest -p bits --bits before.txt`` in one, ``after.txt`` in the other, then
 ``python tests/bits.py before.txt after.txt``: bits are kept where no line differs.
@@ -15,7 +15,16 @@ from pathlib import Path
 import numpy as np
 import softshadow as ss
 
-ARRAYS = "visibility radiance mask position normal depth mesh_id triangle_id".split()
+ARRAYS = (
+    "visibility",
+    "radiance",
+    "mask",
+    "position",
+    "normal",
+    "depth",
+    "mesh_id",
+    "triangle_id",
+)
 """Of an image; its times are not among them."""
 
 
@@ -30,7 +39,7 @@ def pytest_configure(config):
 
 
 class Recorder:
-    """Writes a line for every picture: the test, the number of the picture in it, and its digest."""
+    """Writes a line for every picture: the test, the picture's number in it, and its digest."""
 
     def __init__(self, path):
         self.path, self.test, self.lines = path, "", []

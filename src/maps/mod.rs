@@ -7,3 +7,8 @@
 pub mod layers;
 pub mod region;
 pub mod views;
+
+use std::ops::RangeInclusive;
+
+/// Texels on the longer side of a map.
+pub const RESOLUTIONS: RangeInclusive<u32> = 16..=16384;

@@ -14,6 +14,7 @@
 //! Textures do not depend on the camera. A picture draws those that it shows and that are not yet drawn; they
 //! are kept.
 
+use crate::error::in_range;
 use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
@@ -62,10 +63,12 @@ impl Accumulation {
     /// What is out of its range.
     pub fn checked(self) -> Result<Self> {
         let bad = |reason: String| Err(Error::parameter("Accumulation", reason));
-        if !(1..=MOST_SAMPLES).contains(&self.samples) {
-            let got = self.samples;
-            return bad(format!("samples must be 1 to {MOST_SAMPLES}, got {got}"));
-        }
+        in_range(
+            "Accumulation",
+            "samples",
+            self.samples as u32,
+            1..=MOST_SAMPLES,
+        )?;
         self.layout.check()?;
         let most = if self.content == Content::Radiance {
             f64::MAX

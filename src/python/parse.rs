@@ -43,6 +43,11 @@ pub(super) fn parse_falloff(method: &str, name: &str) -> Result<Falloff> {
     choice(method, "falloff", name, &falloffs)
 }
 
+/// A whole number as the core has it; what does not fit stays out of every range.
+pub(super) fn whole(value: i64) -> u32 {
+    u32::try_from(value).unwrap_or(u32::MAX)
+}
+
 /// Whether all that casts blocks all light.
 pub(super) fn parse_opaque(method: &str, name: Option<&str>) -> Result<bool> {
     name.map_or(Ok(false), |name| {

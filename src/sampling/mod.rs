@@ -46,7 +46,7 @@ use shapes::{Cap, Flat};
 pub use shared::SharedPoint;
 
 /// Most samples a receiver.
-pub const MOST_SAMPLES: usize = 1 << 16;
+pub const MOST_SAMPLES: u32 = 1 << 16;
 
 /// Below this cosine of its half-angle a sphere's cap is too wide for a grid in its tangent plane.
 const WIDEST_CAP: f64 = 0.17;

@@ -120,7 +120,7 @@ fn scenes_of_any_scale_without_casters_and_with_one_triangle_work() {
             let corners = corners.map(|c| scale * c).to_vec();
             one.add_mesh("one", corners, &[[0, 1, 2]], material)
                 .unwrap();
-            let geometry = one.geometry().unwrap();
+            let geometry = one.snapshot().unwrap();
             let k = [8.0, 0.0, 0.0, 0.0, 8.0, 0.0, 4.0, 4.0, 1.0];
             let pose = DMat3::from_diagonal(vec(1.0, -1.0, -1.0));
             let eye = scale * vec(0.25, 0.25, 1.0);
@@ -145,7 +145,7 @@ fn bad_input_is_an_error_and_not_a_panic() {
     let bounds = [DVec3::splat(1e308), DVec3::splat(-1e308)];
     huge.add_spheres("s", &bounds, &[1e308, 1e308], OPAQUE)
         .unwrap();
-    assert!(huge.geometry().is_err());
+    assert!(huge.snapshot().is_err());
 }
 
 proptest! {

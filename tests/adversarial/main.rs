@@ -87,9 +87,14 @@ fn scene(meshes: &[Part], size: f64) -> Arc<Snapshot> {
     scene.snapshot().unwrap()
 }
 
-fn shade(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: i64, cull: bool) -> Shading {
+fn shade(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32, cull: bool) -> Shading {
     let control = Control::default();
-    let method = RayTraced::new(n, 3, false, cull).unwrap();
+    let method = RayTraced {
+        samples: n,
+        seed: 3,
+        fixed: false,
+        cull,
+    };
     let prepared = method
         .prepare(
             geometry.clone(),

@@ -11,3 +11,6 @@ pub mod map;
 pub mod quad;
 pub mod quadtree;
 pub mod views;
+
+/// Most layers of a map.
+pub const MOST_LAYERS: u32 = 64;

@@ -16,7 +16,7 @@ use super::pcf::each_place;
 use super::{Estimate, Hide, PreparedFilter, Settings};
 use crate::casters::Casters;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, in_range};
 use crate::far::REACH;
 use crate::light::Light;
 use crate::maps::layers::compress::Compression;
@@ -33,23 +33,18 @@ pub struct DeepShadow {
     /// What it shares with percentage-closer soft shadows.
     pub settings: Settings,
     /// Largest error that compressing a texel's visibility may make.
-    pub error: f32,
+    pub error: f64,
 }
 
 impl DeepShadow {
-    /// Checks and stores the parameters.
+    /// Checks the parameters.
     ///
     /// # Errors
-    /// An error outside 0 to 1.
-    pub fn new(settings: Settings, error: f64) -> Result<Self> {
-        if !(0.0..=1.0).contains(&error) {
-            let reason = format!("error must be 0 to 1, got {error}");
-            return Err(Error::parameter("DeepShadow", reason));
-        }
-        Ok(DeepShadow {
-            settings,
-            error: error as f32,
-        })
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        self.settings.check("DeepShadow")?;
+        in_range("DeepShadow", "error", self.error, 0.0..=1.0)?;
+        Ok(self)
     }
 }
 
@@ -70,10 +65,10 @@ impl Method for DeepShadow {
     ) -> Result<Box<dyn Prepared>> {
         let casters = Casters::new(self.name(), geometry, true)?;
         let layers = Layers {
-            count: self.settings.layers,
-            of: self.settings.layers,
+            count: self.settings.layers as usize,
+            of: self.settings.layers as usize,
             compression: Compression {
-                error: self.error,
+                error: self.error as f32,
                 threshold: NOTHING,
                 resets: 0,
             },

@@ -16,8 +16,10 @@ use glam::DVec3;
 
 use crate::casters::Casters;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, in_range};
 use crate::light::Light;
+use crate::maps::RESOLUTIONS;
+use crate::maps::layers::MOST_LAYERS;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::map::LayerMap;
 use crate::maps::layers::views::light_views;
@@ -25,13 +27,8 @@ use crate::maps::region::{Region, Scratch, Source};
 use crate::maps::views::most_central;
 use crate::method::{Prepared, Shading};
 use crate::receivers::Receivers;
+use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{Pattern, Sampler};
-
-/// Most light samples a receiver.
-pub const MOST_SAMPLES: i64 = 65536;
-
-/// Most layers of a map.
-pub const MOST_LAYERS: i64 = 64;
 
 /// Which depth stands for all blockers in a filter's region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,9 +46,9 @@ pub struct Settings {
     /// Texels on the longer side of a map.
     pub resolution: u32,
     /// Layers of a texel.
-    pub layers: usize,
+    pub layers: u32,
     /// Light samples a receiver.
-    pub samples: usize,
+    pub samples: u32,
     /// Of the light samples.
     pub seed: u64,
     /// Which depth stands for all blockers.
@@ -65,37 +62,12 @@ impl Settings {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// A resolution outside 16 to 16384, layers, samples or a bias out of their ranges.
-    pub fn new(
-        method: &'static str,
-        [resolution, layers, samples]: [i64; 3],
-        seed: u64,
-        estimate: Estimate,
-        bias: Option<f64>,
-    ) -> Result<Self> {
-        let ranges = [
-            ("resolution", resolution, 16, 16384),
-            ("layers", layers, 1, MOST_LAYERS),
-            ("samples", samples, 1, MOST_SAMPLES),
-        ];
-        for (name, value, least, most) in ranges {
-            if !(least..=most).contains(&value) {
-                let reason = format!("{name} must be {least} to {most}, got {value}");
-                return Err(Error::parameter(method, reason));
-            }
-        }
-        if let Some(bias) = bias.filter(|b| !(b.is_finite() && *b >= 0.0)) {
-            let reason = format!("bias must be a finite number of at least 0, got {bias}");
-            return Err(Error::parameter(method, reason));
-        }
-        Ok(Settings {
-            resolution: resolution as u32,
-            layers: layers as usize,
-            samples: samples as usize,
-            seed,
-            estimate,
-            bias,
-        })
+    /// What is out of its range.
+    fn check(&self, method: &str) -> Result<()> {
+        in_range(method, "resolution", self.resolution, RESOLUTIONS)?;
+        in_range(method, "layers", self.layers, 1..=MOST_LAYERS)?;
+        in_range(method, "samples", self.samples, 1..=MOST_SAMPLES)?;
+        in_range(method, "bias", self.bias.unwrap_or(0.0), 0.0..=f64::MAX)
     }
 }
 
@@ -181,7 +153,7 @@ impl LightMaps {
             }
             groups.push(maps);
         }
-        let pattern = Pattern::new(settings.samples, settings.seed);
+        let pattern = Pattern::new(settings.samples as usize, settings.seed);
         Ok(LightMaps {
             light: *light,
             sampler: Sampler::new(*light, pattern, false),

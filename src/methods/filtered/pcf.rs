@@ -38,6 +38,17 @@ pub struct Pcf {
     pub opaque: bool,
 }
 
+impl Pcf {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        self.settings.check("Pcf")?;
+        Ok(self)
+    }
+}
+
 impl Method for Pcf {
     fn name(&self) -> &'static str {
         "pcf"
@@ -55,8 +66,8 @@ impl Method for Pcf {
     ) -> Result<Box<dyn Prepared>> {
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let layers = Layers {
-            count: self.settings.layers,
-            of: self.settings.layers,
+            count: self.settings.layers as usize,
+            of: self.settings.layers as usize,
             // Not used: all layers are opaque.
             compression: Compression {
                 error: 0.0,

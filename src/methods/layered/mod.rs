@@ -18,6 +18,8 @@ pub mod given;
 pub mod masks;
 pub mod tracing;
 
+use crate::maps::RESOLUTIONS;
+use crate::maps::layers::MOST_LAYERS;
 use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
@@ -26,10 +28,10 @@ use glam::{DVec3, Vec3};
 
 use crate::casters::Casters;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, in_range};
 use crate::far::REACH;
 use crate::frame::Frame;
-use crate::light::{Light, Shape};
+use crate::light::{Light, Sphere};
 use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::map::LayerMap;
@@ -78,15 +80,18 @@ impl Kind {
     }
 }
 
+/// Most times that visibility may start again.
+const MOST_RESETS: u32 = 64;
+
 /// What layered maps are built and traced with; lengths in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Texels on the longer side of a map; from the number of triangles if not given.
-    pub resolution: Option<i64>,
+    pub resolution: Option<u32>,
     /// Layers of a texel; from the scene's depth complexity if not given.
-    pub layers: Option<i64>,
+    pub layers: Option<u32>,
     /// Light samples a receiver.
-    pub samples: i64,
+    pub samples: u32,
     /// Seed of the light samples.
     pub seed: u64,
     /// Thickness of surfaces to either side; from texel size and slope if not given.
@@ -100,7 +105,7 @@ pub struct Settings {
     /// Visibility that counts as none.
     pub threshold: f64,
     /// How often visibility starts again behind what is opaque.
-    pub resets: i64,
+    pub resets: u32,
     /// The paper's equation 3 as printed.
     pub subtract: bool,
     /// Whether transparent meshes count as opaque.
@@ -121,35 +126,30 @@ impl Layered {
     /// One out of its range.
     pub fn new(kind: Kind, settings: Settings) -> Result<Self> {
         let what = kind.class();
-        let integers = [
-            ("resolution", settings.resolution.unwrap_or(16), 16, 16384),
-            ("layers", settings.layers.unwrap_or(1), 1, 64),
-            ("samples", settings.samples, 1, MOST_SAMPLES as i64),
-            ("resets", settings.resets, 0, 64),
-        ];
-        for (name, value, low, high) in integers {
-            if !(low..=high).contains(&value) {
-                let reason = format!("{name} must be {low} to {high}, got {value}");
-                return Err(Error::parameter(what, reason));
-            }
-        }
-        let floats = [
-            ("z_threshold", settings.z_threshold.unwrap_or(0.0), f64::MAX),
-            ("bias", settings.bias, f64::MAX),
-            ("error", settings.error, 1.0),
-            ("threshold", settings.threshold, 1.0),
-        ];
-        for (name, value, high) in floats {
-            if !(0.0..=high).contains(&value) {
-                let most = if high == 1.0 { " and at most 1" } else { "" };
-                let reason = format!("{name} must be at least 0{most}, got {value}");
-                return Err(Error::parameter(what, reason));
-            }
-        }
-        if !(1.0..=65536.0).contains(&settings.detail) {
-            let reason = format!("detail must be 1 to 65536, got {}", settings.detail);
-            return Err(Error::parameter(what, reason));
-        }
+        in_range(
+            what,
+            "resolution",
+            settings.resolution.unwrap_or(16),
+            RESOLUTIONS,
+        )?;
+        in_range(
+            what,
+            "layers",
+            settings.layers.unwrap_or(1),
+            1..=MOST_LAYERS,
+        )?;
+        in_range(what, "samples", settings.samples, 1..=MOST_SAMPLES)?;
+        in_range(what, "resets", settings.resets, 0..=MOST_RESETS)?;
+        in_range(
+            what,
+            "z_threshold",
+            settings.z_threshold.unwrap_or(0.0),
+            0.0..=f64::MAX,
+        )?;
+        in_range(what, "bias", settings.bias, 0.0..=f64::MAX)?;
+        in_range(what, "error", settings.error, 0.0..=1.0)?;
+        in_range(what, "threshold", settings.threshold, 0.0..=1.0)?;
+        in_range(what, "detail", settings.detail, 1.0..=65536.0)?;
         Ok(Layered { kind, settings })
     }
 
@@ -171,7 +171,7 @@ impl Layered {
         let settings = &self.settings;
         let resolution = settings
             .resolution
-            .map_or_else(|| choose::resolution(casters), |r| r as u32);
+            .unwrap_or_else(|| choose::resolution(casters));
         let count = match (self.kind, settings.layers) {
             (Kind::Single, _) => 1,
             (_, Some(layers)) => layers as usize,
@@ -397,9 +397,8 @@ impl LightMaps {
     /// are others for every receiver, and most receivers are lit.
     fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
         let center = self.light.center();
-        let radius = match self.light.shape {
-            Shape::Sphere(sphere) => sphere.radius,
-            Shape::Rect(_) | Shape::Disk(_) => return true,
+        let Some(Sphere { radius, .. }) = self.light.as_sphere() else {
+            return true;
         };
         if (p - center).length() <= radius {
             return true;

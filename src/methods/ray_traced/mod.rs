@@ -34,7 +34,7 @@ use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
 use crate::bvh::packet::Packet;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, in_range};
 use crate::light::Light;
 use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
@@ -51,7 +51,7 @@ pub const MOST_EDGES: usize = 1024;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RayTraced {
     /// Light samples a receiver.
-    pub samples: usize,
+    pub samples: u32,
     /// Seed of the light samples.
     pub seed: u64,
     /// Whether all receivers share the same light points.
@@ -64,18 +64,10 @@ impl RayTraced {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// A number of samples outside 1 to [`MOST_SAMPLES`].
-    pub fn new(samples: i64, seed: u64, fixed: bool, cull: bool) -> Result<Self> {
-        if !(1..=MOST_SAMPLES as i64).contains(&samples) {
-            let reason = format!("samples must be 1 to {MOST_SAMPLES}, got {samples}");
-            return Err(Error::parameter("RayTraced", reason));
-        }
-        Ok(RayTraced {
-            samples: samples as usize,
-            seed,
-            fixed,
-            cull,
-        })
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        in_range("RayTraced", "samples", self.samples, 1..=MOST_SAMPLES)?;
+        Ok(self)
     }
 }
 
@@ -93,7 +85,7 @@ impl Method for RayTraced {
         control.check()?;
         let occluders = geometry.occluders();
         control.check()?;
-        let pattern = Pattern::new(self.samples, self.seed);
+        let pattern = Pattern::new(self.samples as usize, self.seed);
         let lights = lights
             .iter()
             .map(|light| {

@@ -25,6 +25,7 @@ pub mod maps;
 mod receiver;
 pub mod trend;
 
+use crate::maps::RESOLUTIONS;
 use crate::scene::snapshot::Snapshot;
 use std::ops::Range;
 use std::sync::Arc;
@@ -36,10 +37,9 @@ use rayon::prelude::*;
 use crate::casters::Casters;
 use crate::casters::edges::Edge;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, in_range};
 use crate::far::REACH;
 use crate::light::Light;
-use crate::light::falloff::Falloff;
 use crate::light::many::Many;
 use crate::maps::views::{View, most_central, views};
 use crate::memory;
@@ -60,47 +60,26 @@ const SEEN_BYTES: usize = size_of::<maps::Seen>();
 /// Parameters of the soft shadow occlusion camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ssoc {
-    resolution: u32,
-    rules: Rules,
-    distorted: bool,
-    opaque: bool,
+    /// Texels on the longer side of a map.
+    pub resolution: u32,
+    /// How a receiver is looked up.
+    pub rules: Rules,
+    /// Whether distorted receivers are compared with the reference image.
+    pub distorted: bool,
+    /// Whether transparent meshes count as opaque.
+    pub opaque: bool,
 }
 
 impl Ssoc {
-    /// Checks and stores the parameters: texels on the longer side of a map, repeated distortions, and whether
-    /// the four texels around a receiver are interpolated, light past the other side of thin occluders is
-    /// looked for, and transparent meshes count as opaque.
+    /// Checks the parameters.
     ///
     /// # Errors
-    /// A resolution outside 16 to 16384, or steps outside 1 to [`MOST_STEPS`].
-    pub fn new(
-        resolution: i64,
-        steps: i64,
-        falloff: Falloff,
-        interpolate: bool,
-        thin: bool,
-        distorted: bool,
-        opaque: bool,
-    ) -> Result<Self> {
-        if !(16..=16384).contains(&resolution) {
-            let reason = format!("resolution must be 16 to 16384, got {resolution}");
-            return Err(Error::parameter("Ssoc", reason));
-        }
-        if !(1..=MOST_STEPS as i64).contains(&steps) {
-            let reason = format!("steps must be 1 to {MOST_STEPS}, got {steps}");
-            return Err(Error::parameter("Ssoc", reason));
-        }
-        Ok(Ssoc {
-            resolution: resolution as u32,
-            rules: Rules {
-                steps: steps as usize,
-                falloff,
-                interpolate,
-                thin,
-            },
-            distorted,
-            opaque,
-        })
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        in_range("Ssoc", "resolution", self.resolution, RESOLUTIONS)?;
+        let steps = 1..=MOST_STEPS as u32;
+        in_range("Ssoc", "steps", self.rules.steps as u32, steps)?;
+        Ok(self)
     }
 
     /// The maps of one light (local), its views one after the other, and the seconds of each stage.
@@ -343,6 +322,7 @@ mod tests {
     use super::*;
     use crate::camera::Camera;
     use crate::geometry::entry::Material;
+    use crate::light::falloff::Falloff;
     use crate::raster::nearest::NONE;
     use crate::receivers::visible::from_camera;
     use crate::scene::Scene;
@@ -380,9 +360,24 @@ mod tests {
         scene.snapshot().unwrap()
     }
 
+    fn method(resolution: u32) -> Ssoc {
+        let rules = Rules {
+            steps: 3,
+            falloff: Falloff::Light,
+            interpolate: true,
+            thin: true,
+        };
+        Ssoc {
+            resolution,
+            rules,
+            distorted: false,
+            opaque: false,
+        }
+    }
+
     fn maps(casters: &Casters, light: &Light) -> Vec<Maps> {
         let light = light.to_local(&casters.geometry().frame);
-        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false, false).unwrap();
+        let method = method(200);
         let edges = casters.silhouettes(light.center(), false);
         let control = Control::default();
         let (found, _) = method.maps(casters, &edges, &light, &control).unwrap();
@@ -482,7 +477,7 @@ mod tests {
         let camera = camera.to_local(&geometry.frame);
         let control = Control::default();
         let receivers = from_camera(&geometry, &camera, &control).unwrap().1;
-        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false, false).unwrap();
+        let method = method(200);
         // Above all, and between the star and the ground, with several views.
         for height in [2.0, 0.3] {
             let light = Light::sphere(DVec3::new(0.1, -0.2, height), 0.1, [1.0; 3]).unwrap();
@@ -514,7 +509,7 @@ mod tests {
         let control = Control::default();
         control.cancel();
         let found = Ssoc::reference(&mut all, &casters, &control);
-        assert!(matches!(found, Err(Error::Cancelled)));
+        assert!(matches!(found, Err(crate::error::Error::Cancelled)));
         assert!(all.iter().all(|m| m.seen.is_empty()));
     }
 

@@ -7,7 +7,7 @@ use crate::methods::filtered::deep::DeepShadow;
 use crate::methods::filtered::pcf::Pcf;
 use crate::methods::filtered::{Estimate, Settings};
 use crate::methods::mvsm::Mvsm;
-use crate::python::parse::{choice, parse_opaque};
+use crate::python::parse::{choice, parse_opaque, whole};
 
 /// Attributes of `softshadow.Pcf`.
 #[derive(FromPyObject)]
@@ -25,12 +25,18 @@ impl PcfParameters {
     /// Checks them.
     pub(super) fn parse(&self) -> Result<Pcf> {
         let method = "Pcf";
-        let sizes = [self.resolution, self.layers, self.samples];
-        let estimate = parse_estimate(method, &self.estimate)?;
-        Ok(Pcf {
-            settings: Settings::new(method, sizes, self.seed, estimate, self.bias)?,
+        Pcf {
+            settings: Settings {
+                resolution: whole(self.resolution),
+                layers: whole(self.layers),
+                samples: whole(self.samples),
+                seed: self.seed,
+                estimate: parse_estimate(method, &self.estimate)?,
+                bias: self.bias,
+            },
             opaque: parse_opaque(method, self.opacity.as_deref())?,
-        })
+        }
+        .checked()
     }
 }
 
@@ -49,11 +55,18 @@ pub(super) struct DeepParameters {
 impl DeepParameters {
     /// Checks them.
     pub(super) fn parse(&self) -> Result<DeepShadow> {
-        let method = "DeepShadow";
-        let sizes = [self.resolution, self.layers, self.samples];
-        let estimate = parse_estimate(method, &self.estimate)?;
-        let settings = Settings::new(method, sizes, self.seed, estimate, self.bias)?;
-        DeepShadow::new(settings, self.error)
+        DeepShadow {
+            settings: Settings {
+                resolution: whole(self.resolution),
+                layers: whole(self.layers),
+                samples: whole(self.samples),
+                seed: self.seed,
+                estimate: parse_estimate("DeepShadow", &self.estimate)?,
+                bias: self.bias,
+            },
+            error: self.error,
+        }
+        .checked()
     }
 }
 
@@ -72,9 +85,16 @@ pub(super) struct MvsmParameters {
 impl MvsmParameters {
     /// Checks them.
     pub(super) fn parse(&self) -> Result<Mvsm> {
-        let sizes = [self.resolution, self.views, self.samples];
-        let opaque = parse_opaque("Mvsm", self.opacity.as_deref())?;
-        Mvsm::new(sizes, self.seed, self.gap, self.bias, opaque)
+        Mvsm {
+            resolution: whole(self.resolution),
+            views: whole(self.views),
+            samples: whole(self.samples),
+            seed: self.seed,
+            gap: self.gap,
+            bias: self.bias,
+            opaque: parse_opaque("Mvsm", self.opacity.as_deref())?,
+        }
+        .checked()
     }
 }
 

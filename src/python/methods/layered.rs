@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use crate::error::Result;
 use crate::methods::layered::{Kind, Layered, Settings};
-use crate::python::parse::{choice, parse_opaque};
+use crate::python::parse::{choice, parse_opaque, whole};
 
 /// The parameters of layered shadow maps as Python has them: attributes of `softshadow.Slsm`, `Mlsm` and `Mtsm`.
 #[derive(FromPyObject)]
@@ -29,16 +29,16 @@ impl LayeredParameters {
         let method = kind.class();
         let crossings = [("multiply", false), ("subtract", true)];
         let settings = Settings {
-            resolution: self.resolution,
-            layers: self.layers,
-            samples: self.samples,
+            resolution: self.resolution.map(whole),
+            layers: self.layers.map(whole),
+            samples: whole(self.samples),
             seed: self.seed,
             z_threshold: self.z_threshold,
             bias: self.bias,
             detail: self.detail,
             error: self.error,
             threshold: self.threshold,
-            resets: self.resets,
+            resets: whole(self.resets),
             subtract: choice(method, "crossing", &self.crossing, &crossings)?,
             opaque: parse_opaque(method, self.opacity.as_deref())?,
         };

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use crate::error::Result;
 use crate::methods::ray_traced::RayTraced;
-use crate::python::parse::choice;
+use crate::python::parse::{choice, whole};
 
 /// The parameters of the reference as Python has them: attributes of `softshadow.RayTraced`.
 #[derive(FromPyObject)]
@@ -20,6 +20,12 @@ impl RayTracedParameters {
     pub(super) fn parse(&self) -> Result<RayTraced> {
         let patterns = [("per_receiver", false), ("fixed", true)];
         let fixed = choice("RayTraced", "pattern", &self.pattern, &patterns)?;
-        RayTraced::new(self.samples, self.seed, fixed, self.cull)
+        RayTraced {
+            samples: whole(self.samples),
+            seed: self.seed,
+            fixed,
+            cull: self.cull,
+        }
+        .checked()
     }
 }

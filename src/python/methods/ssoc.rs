@@ -4,7 +4,8 @@ use pyo3::prelude::*;
 
 use crate::error::Result;
 use crate::methods::ssoc::Ssoc;
-use crate::python::parse::{parse_falloff, parse_opaque};
+use crate::methods::ssoc::lookup::Rules;
+use crate::python::parse::{parse_falloff, parse_opaque, whole};
 
 /// The parameters of the soft shadow occlusion camera as Python has them: attributes of `softshadow.Ssoc`.
 #[derive(FromPyObject)]
@@ -24,14 +25,18 @@ impl SsocParameters {
         let method = "Ssoc";
         let falloff = parse_falloff(method, &self.falloff)?;
         let opaque = parse_opaque(method, self.opacity.as_deref())?;
-        Ssoc::new(
-            self.resolution,
-            self.steps,
+        let rules = Rules {
+            steps: whole(self.steps) as usize,
             falloff,
-            self.interpolate,
-            self.thin,
-            self.distorted,
+            interpolate: self.interpolate,
+            thin: self.thin,
+        };
+        Ssoc {
+            resolution: whole(self.resolution),
+            rules,
+            distorted: self.distorted,
             opaque,
-        )
+        }
+        .checked()
     }
 }
