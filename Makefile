@@ -3,9 +3,10 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+EXTRAS := plot,metrics,io,cli,bake,scenes,mitsuba
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test lint bench fuzz clean
+.PHONY: demo test lint bench fuzz wheels clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -17,7 +18,7 @@ $(VENV)/.tools: pyproject.toml requirements-dev.txt
 
 $(STAMP): $(VENV)/.tools $(SOURCES)
 	$(BIN)/python -m pip install --quiet "maturin>=1.9.4,<2"
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet --extras $(EXTRAS)
 	touch $@
 
 ## Renders the Stanford bunny's soft shadows with every method into demo/.
@@ -56,5 +57,18 @@ SEED    ?= 0
 fuzz: $(STAMP)
 	cd tests && ../$(BIN)/python -m fuzz --seconds $(SECONDS) --seed $(SEED)
 
+## Wheels for every Linux since glibc 2.17, on x86-64 and on Arm, and the source, into dist/.
+TARGETS ?= x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
+wheels: $(VENV)/.tools
+	$(BIN)/python -m pip install --quiet "maturin>=1.9.4,<2" "ziglang>=0.13"
+	rm -rf dist
+	! command -v rustup > /dev/null || rustup --quiet target add $(TARGETS)
+	export PATH="$(abspath $(BIN)):$$PATH" && for target in $(TARGETS); do \
+		maturin build --quiet --release --zig --target $$target --compatibility manylinux2014 \
+			--out dist || exit 1; \
+	done
+	$(BIN)/maturin sdist --out dist
+	ls -l dist
+
 clean:
-	rm -rf $(VENV) target demo
+	rm -rf $(VENV) target demo dist

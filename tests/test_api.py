@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import softshadow as ss
 import trimesh
+import typed
 from shapes import bumpy, geodesic, quad
 
 LIGHT = ss.RectLight((0.3, 0.2, 2.5), (0, 0.8, 0), (0.8, 0, 0))
@@ -386,3 +387,11 @@ def test_threads_can_share_a_scene():
         thread.join()
     assert len(results) == 8
     assert all(np.array_equal(r, expected) for r in results)
+
+
+def test_what_a_type_checker_sees_is_so():
+    """Linters check the types of what runs here."""
+    height, brightness = typed.lights()
+    assert (height, brightness) == (4 - 1 + 4 + 0, 6 + 2 + 0.5 + 0.5)
+    assert typed.pictures().dtype == np.float32
+    assert typed.maps().shape == (4,)

@@ -56,7 +56,7 @@ def test_importing_the_bridge_does_not_import_mitsuba():
 def test_missing_mitsuba_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     setup = scenes.half_plane(8, 8)
-    with pytest.raises(ImportError, match=r"pip install softshadow\[mitsuba\]"):
+    with pytest.raises(ImportError, match=r'pip install "softshadow\[mitsuba\]"'):
         ss.mitsuba.scene_dict(setup.scene, setup.camera, setup.light)
 
 

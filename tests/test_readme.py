@@ -12,7 +12,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import softshadow as ss
-from softshadow.models import stanford_bunny_path
+from softshadow.scenes import stanford_bunny_path
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

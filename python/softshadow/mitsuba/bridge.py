@@ -1,56 +1,26 @@
-"""Mitsuba 3 as an outside reference: the same scene as its dictionary, and its radiance as arrays.
-
-Mitsuba is an optional extra (``pip install softshadow[mitsuba]``); importing this module does not
-import it.
-
-The same radiance comes out of `softshadow.render` and of Mitsuba's ``direct`` integrator, up to
-its noise and these differences:
-
-- Its pixels are footprints, ours are single rays through the pixels' centres. `render` therefore
-  does not use Mitsuba's film: it hands its integrator one ray through every pixel's centre, as
-  often as the sample count asks for. The integrator, the light sampling, the intersections and the
-  shading are Mitsuba's; only the ray through the pixel is ours. (Of the alternatives, a film of
-  sub-pixels of which the central one is kept wastes all other rays, and a reconstruction filter
-  cannot shrink the footprint that rays are spread over.) ``centre_rays=False`` renders the film.
-- Its shadow rays start ``8.9e-5 · (1 + max|p|)`` off the surface and stop 0.09 % short of the
-  light, in single precision. Keep scenes that are to be compared near unit size and near the
-  origin; what lies closer together than that is lit differently.
-- A mesh with an opacity below 1 is a ``mask`` there: seen from the camera, the surface behind it
-  shines through, where here its own surface is shaded as if opaque. Compare pixels whose first
-  surface is opaque.
-"""
+"""Scenes as Mitsuba's dictionaries, and its radiance as arrays."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from softshadow.agreement import RayOffset, ZTest, ray_offset, sidak, unshadowed, z_test
 from softshadow.camera import Camera
-from softshadow.light import DiskLight, Light, SphereLight
-from softshadow.render import LightLike, _lights
-from softshadow.scene import Mesh, Scene
+from softshadow.entries import Mesh
+from softshadow.extras import needs
+from softshadow.light import DiskLight, Light, LightLike, SphereLight, as_lights
+from softshadow.mitsuba.image import MitsubaImage
+from softshadow.scene import Scene
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-__all__ = [
-    "MitsubaImage",
-    "RayOffset",
-    "ZTest",
-    "ray_offset",
-    "render",
-    "scene_dict",
-    "sidak",
-    "unshadowed",
-    "z_test",
-]
+__all__ = ["render", "scene_dict"]
 
 _BATCHES = 32
 """Independent estimates that a variance is taken from: enough for Student's t with 31 degrees of
@@ -66,46 +36,10 @@ film (`render` with centre rays has no such limit); much smaller values cost its
 digits."""
 
 
-@dataclass(frozen=True)
-class MitsubaImage:
-    """What `render` returns; arrays are indexed ``[y, x]``, row 0 on top.
-
-    Attributes
-    ----------
-    radiance : ndarray, shape (H, W, 3), float64
-        Mean over the samples, linear RGB. The monochromatic variants repeat one channel.
-    variance : ndarray, shape (H, W, 3), float64
-        Estimated variance of that mean (not of a single sample), from `batches` independent means.
-    mask : ndarray, shape (H, W), bool
-        Whether a surface was hit.
-    normal : ndarray, shape (H, W, 3), float32
-        Geometric unit normals at the pixels' centres, turned to the camera; 0 where nothing was
-        hit. On edges, single precision may see the other face.
-    samples : int
-        Light samples per pixel.
-    batches : int
-        Independent means that `variance` was estimated from; it has ``batches - 1`` degrees of
-        freedom.
-    seconds : float
-        Wall-clock time of sampling, without loading the scene.
-    """
-
-    radiance: npt.NDArray[np.float64]
-    variance: npt.NDArray[np.float64]
-    mask: npt.NDArray[np.bool_]
-    normal: npt.NDArray[np.float32]
-    samples: int
-    batches: int
-    seconds: float
-
-
 def _import() -> ModuleType:
-    try:
+    with needs("mitsuba", "softshadow.mitsuba"):
         import mitsuba
-    except ImportError as error:
-        raise ImportError(
-            "softshadow.mitsuba needs Mitsuba 3: pip install softshadow[mitsuba]"
-        ) from error
+
     module: ModuleType = mitsuba
     return module
 
@@ -234,12 +168,12 @@ def _sensor(mi: ModuleType, scene: Scene, camera: Camera, samples: int) -> dict[
 
 
 def _light(mi: ModuleType, light: Light) -> dict[str, Any]:
-    emitter = {"type": "area", "radiance": {"type": "rgb", "value": list(light.radiance)}}  # type: ignore[arg-type]
+    emitter = {"type": "area", "radiance": {"type": "rgb", "value": list(light.radiance)}}
     if isinstance(light, SphereLight):
         _need_size(light.radius, "SphereLight.radius")
         return {
             "type": "sphere",
-            "center": list(light.center),  # type: ignore[arg-type]
+            "center": list(light.center),
             "radius": light.radius,
             "emitter": emitter,
         }
@@ -338,7 +272,7 @@ def render(
     """
     if samples < 2:
         raise ValueError(f"samples: expected at least 2, got {samples}")
-    lights, _ = _lights(light)
+    lights, _ = as_lights(light)
     shape = (camera.height, camera.width)
     radiance, variance = np.zeros((2, *shape, 3))
     mask = np.zeros(shape, dtype=bool)

@@ -41,8 +41,6 @@ class Method:
     """Whether opacities below 1 are honoured."""
     points: ClassVar[bool] = False
     """Whether it answers at a user's own points, without a camera."""
-    needs_area: ClassVar[bool] = False
-    """Whether a light of size zero is an error."""
 
     def __post_init__(self) -> None:
         """Check the parameters and store them as plain numbers, flags and text."""
@@ -53,7 +51,12 @@ class Method:
         self._to_core()  # knows the ranges of fractions, and what does not go together
 
     def parameters(self) -> dict[str, Any]:
-        """Return the parameters by name."""
+        """Return the parameters by name.
+
+        Returns
+        -------
+        dict of str to int, float, bool, str or None
+        """
         return asdict(self)
 
     def _to_core(self) -> _core.Method:

@@ -1,68 +1,21 @@
-"""Scenes for tests, the demo and benchmarks: real models from packages, and known answers.
-
-All are z-up, near unit size and near the origin, so that single-precision peers can be compared.
-The models are not part of softshadow; they come with packages that ``pip install`` brings:
-
-- the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
-- Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
-
-The figures of the papers (`softshadow.figures`, `softshadow.gallery`) are built from scratch, and
-so are scenes in which shadow maps go wrong (`softshadow.artifacts`), a tree and a ball of fur;
-those and a statue (`softshadow.dense`) have the triangles that the methods are for.
-"""
+"""Real models on a ground, solids, and scenes with a known answer."""
 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from softshadow.artifacts import ball, oblique_board, stacked_boards, standing_cylinder
 from softshadow.camera import Camera
-from softshadow.dense import fur_ball, statue, tree
-from softshadow.figures import (
-    acute_triangle,
-    growing_light,
-    landscape,
-    overlapping_boards,
-    two_cylinders,
-    two_lights,
-)
-from softshadow.gallery import aircraft, bunny_and_sphere, fork, two_teapots
 from softshadow.light import RectLight
-from softshadow.models import city_path, missing, stanford_bunny, stanford_bunny_path
 from softshadow.scene import Scene
-from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.models import city_path, missing, stanford_bunny
+from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
-__all__ = [
-    "Setup",
-    "acute_triangle",
-    "aircraft",
-    "ball",
-    "bunny_and_sphere",
-    "bunny_on_plane",
-    "city",
-    "city_path",
-    "closed_solids",
-    "fork",
-    "fur_ball",
-    "growing_light",
-    "half_plane",
-    "landscape",
-    "oblique_board",
-    "overlapping_boards",
-    "stacked_boards",
-    "standing_cylinder",
-    "stanford_bunny_path",
-    "statue",
-    "tilted_sheet",
-    "tree",
-    "two_cylinders",
-    "two_lights",
-    "two_teapots",
-]
+__all__ = ["bunny_on_plane", "city", "closed_solids", "half_plane", "tilted_sheet"]
 
 
 def bunny_on_plane(
@@ -239,6 +192,13 @@ def half_plane(
     ------
     ValueError
         If the heights are not in order, or the light is of another shape.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> setup.visibility([(-2, 0, 0), (0, 0, 0), (2, 0, 0)]).tolist()
+    [0.0, 0.5, 1.0]
     """
     clearance = light_size / 2 if light == "sphere" else 0.0
     if not 0 < blocker_height < light_height - clearance:
@@ -265,16 +225,32 @@ def half_plane(
             source.radiance,
         )
 
-    def visibility(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        p = np.asarray(points, dtype=np.float64)
-        beyond = (light_height / blocker_height - 1) * p[..., 0]
-        if light == "rect":
-            return _square_beyond_line(beyond / light_size, turn)
-        if light == "disk":
-            return _disk_beyond_line(2 * beyond / light_size)
-        return _half_hidden_sphere(p, light_height, light_size / 2, blocker_height)
+    known = partial(
+        _half_plane_visibility,
+        light=light,
+        light_size=light_size,
+        light_height=light_height,
+        blocker_height=blocker_height,
+        turn=turn,
+    )
+    return Setup(scene, camera, source, known)
 
-    return Setup(scene, camera, source, visibility)
+
+def _half_plane_visibility(
+    points: npt.ArrayLike,
+    light: LightKind,
+    light_size: float,
+    light_height: float,
+    blocker_height: float,
+    turn: float,
+) -> npt.NDArray[np.float64]:
+    p = np.asarray(points, dtype=np.float64)
+    beyond = (light_height / blocker_height - 1) * p[..., 0]
+    if light == "rect":
+        return _square_beyond_line(beyond / light_size, turn)
+    if light == "disk":
+        return _disk_beyond_line(2 * beyond / light_size)
+    return _half_hidden_sphere(p, light_height, light_size / 2, blocker_height)
 
 
 def _square_beyond_line(offset: npt.NDArray[np.float64], turn: float) -> npt.NDArray[np.float64]:
@@ -363,8 +339,8 @@ def tilted_sheet(
     camera = Camera((0.0, -1.3, 0.35), (0.0, 0.0, 0.0), (0, 0, 1), 40.0, width, height)
     top = light_towards(light, (0.0, 0.0, 3.0 + 0.2 * sheets), light_size, (0, 0, 0))
 
-    def transmitted(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        shape = np.asarray(points, dtype=np.float64).shape[:-1]
-        return np.full(shape, (1.0 - opacity) ** sheets)
+    return Setup(scene, camera, top, partial(_everywhere, value=(1.0 - opacity) ** sheets))
 
-    return Setup(scene, camera, top, transmitted)
+
+def _everywhere(points: npt.ArrayLike, value: float) -> npt.NDArray[np.float64]:
+    return np.full(np.asarray(points, dtype=np.float64).shape[:-1], value)

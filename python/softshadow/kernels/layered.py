@@ -1,8 +1,8 @@
-"""The maps of shadow-map methods as arrays; `softshadow.kernels` has them too."""
+"""Layered shadow maps as arrays, and tracing points through them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,89 +11,26 @@ import numpy.typing as npt
 
 from softshadow import checks
 from softshadow._core import kernels as _kernels
+from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
-from softshadow.light import Light, as_points
-from softshadow.methods import Mlsm, Mtsm, Slsm, Ssoc
+from softshadow.light import Light
+from softshadow.methods import Mlsm, Mtsm, Slsm
 from softshadow.scene import Scene
 
-__all__ = ["LayeredMap", "OcclusionMaps", "layered_maps", "ssoc_maps", "trace_layered_maps"]
+__all__ = [
+    "LayeredMap",
+    "layered_maps",
+    "trace_layered_maps",
+]
 
 _Floats = npt.NDArray[np.float32]
+
 _Doubles = npt.NDArray[np.float64]
+
 _Ints = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True)
-class OcclusionMaps:
-    """One view of a soft shadow occlusion camera; H by W texels.
-
-    Attributes
-    ----------
-    camera : Camera
-        The view, from the light's centre.
-    depth : ndarray, shape (H, W), float32
-        The shadow map: depth along the view's axis of the nearest surface that casts, world units;
-        inf where there is none.
-    inside, outside : ndarray, shape (H, W, 6), float32
-        The distortion maps of the dark and of the lit side of silhouettes. Channels: column and row
-        of the nearest silhouette point, in texels; the silhouette's unit normal there, in the
-        image, to the lit side; ``z_near`` of the edge and ``z_far`` of what lies behind it, world
-        units.
-        All 0 where no silhouette is near enough to matter.
-    """
-
-    camera: Camera
-    depth: _Floats
-    inside: _Floats
-    outside: _Floats
-
-
-def ssoc_maps(
-    scene: Scene,
-    light: Light,
-    method: Ssoc | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> list[OcclusionMaps]:
-    """Build the maps of the soft shadow occlusion camera (Mo, Popescu and Wyman 2007).
-
-    `softshadow.visibility` with ``method="ssoc"`` looks points up in them.
-
-    Parameters
-    ----------
-    scene : Scene
-        Opacities do not matter.
-    light : RectLight, DiskLight or SphereLight
-        A light of size zero has no distortion maps: they are all 0.
-    method : Ssoc, optional
-        For its resolution.
-    progress : callable, optional
-        Is told the finished fraction.
-
-    Returns
-    -------
-    list of OcclusionMaps
-        One where a single view holds all that casts, otherwise the faces of a cube that something
-        casts into; coarser faces that hold only what has nothing behind it come last. Empty if
-        nothing casts.
-
-    Raises
-    ------
-    ValueError
-        If the scene is empty, has spheres that cast, or a map does not fit into memory.
-    """
-    found = _kernels.ssoc_maps(scene._core, light._core, method or Ssoc(), progress)
-    return [
-        OcclusionMaps(
-            Camera.from_matrix(m["K"], m["camera_to_world"], *reversed(m["depth"].shape)),
-            m["depth"],
-            m["inside"],
-            m["outside"],
-        )
-        for m in found
-    ]
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LayeredMap:
     """One view of a layered shadow map; H by W texels of L layers, the nearest first.
 
@@ -145,7 +82,7 @@ def layered_maps(
     scene: Scene,
     light: Light,
     method: Slsm | Mlsm | Mtsm | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> list[LayeredMap]:
     """Build layered shadow maps (Xie, Tabellion and Pearce 2007, Sections 4.2 and 5.1).
 
@@ -158,8 +95,8 @@ def layered_maps(
     light : RectLight, DiskLight or SphereLight
     method : Slsm, Mlsm or Mtsm, optional
         For resolution, layers and compression; ``Mtsm()`` by default.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -175,7 +112,8 @@ def layered_maps(
         take; if a parameter is out of its range, or a map does not fit into memory.
     """
     chosen = method or Mtsm()
-    found = _kernels.layered_maps(scene._core, light._core, chosen, chosen.name, progress)
+    with Bar(progress, "layered_maps") as report:
+        found = _kernels.layered_maps(scene._core, light._core, chosen, chosen.name, report)
     return [
         LayeredMap(
             Camera.from_matrix(m["K"], m["camera_to_world"], *reversed(m["depths"].shape[:2])),
@@ -199,7 +137,7 @@ def trace_layered_maps(
     points: npt.ArrayLike,
     normals: npt.ArrayLike | None = None,
     method: Slsm | Mlsm | Mtsm | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = False,
 ) -> _Floats:
     """Trace points to a light through layered shadow maps (Xie et al. 2007, Sections 4.3 and 5.2).
 
@@ -220,8 +158,8 @@ def trace_layered_maps(
         Of any length; None: no tangent plane.
     method : Slsm, Mlsm or Mtsm, optional
         For samples, seed, z_threshold, bias, detail, threshold and crossing; ``Mtsm()`` by default.
-    progress : callable, optional
-        Is told the finished fraction.
+    progress : bool or callable
+        ``True`` for a progress bar, or a function that is told the finished fraction.
 
     Returns
     -------
@@ -237,21 +175,31 @@ def trace_layered_maps(
         point or normal is not finite, or a parameter is out of its range.
     TypeError
         If an array has the wrong kind of numbers.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> maps = ss.kernels.layered_maps(setup.scene, setup.light, ss.Slsm(resolution=128))
+    >>> points, normals = [(-0.9, 0, 0), (0.9, 0, 0)], [(0, 0, 1), (0, 0, 1)]
+    >>> ss.kernels.trace_layered_maps(maps, setup.light, points, normals, ss.Slsm()).tolist()
+    [0.0, 1.0]
     """
     chosen = method or Mtsm()
     frames = {_frame(m) for m in maps}
     if len(frames) > 1:
         raise ValueError(f"maps: expected one origin and unit, got {len(frames)} different ones")
-    result: _Floats = _kernels.trace_layered_maps(
-        [_flat_arrays(m, f"maps[{i}]") for i, m in enumerate(maps)],
-        light._core,
-        as_points(points, "points"),
-        None if normals is None else as_points(normals, "normals"),
-        chosen,
-        chosen.name,
-        frames.pop() if frames else None,
-        progress,
-    )
+    with Bar(progress, "trace_layered_maps") as report:
+        result: _Floats = _kernels.trace_layered_maps(
+            [_flat_arrays(m, f"maps[{i}]") for i, m in enumerate(maps)],
+            light._core,
+            as_points(points, "points"),
+            None if normals is None else as_points(normals, "normals"),
+            chosen,
+            chosen.name,
+            frames.pop() if frames else None,
+            report,
+        )
     return result
 
 

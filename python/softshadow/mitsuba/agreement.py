@@ -1,7 +1,7 @@
 """Whether an image has the mean that Mitsuba samples: its ray offset, and a test of every pixel.
 
-Public as part of `softshadow.mitsuba`. The test is Mitsuba's own for its renders: a z-test on mean
-and variance with Šidák's correction for the number of pixels.
+The test is Mitsuba's own for its renders: a z-test on mean and variance with Šidák's correction for
+the number of pixels.
 """
 
 from __future__ import annotations
@@ -14,13 +14,15 @@ import numpy.typing as npt
 
 from softshadow import checks
 from softshadow.camera import Camera
-from softshadow.light import Light
+from softshadow.entries import Mesh
+from softshadow.extras import needs
+from softshadow.light import Light, LightLike
 from softshadow.methods import RayTraced
-from softshadow.render import Image, LightLike, prepare, render
-from softshadow.scene import Mesh, Scene
+from softshadow.render import Image, prepare, render
+from softshadow.scene import Scene
 
 if TYPE_CHECKING:
-    from softshadow.mitsuba import MitsubaImage
+    from softshadow.mitsuba.image import MitsubaImage
 
 __all__ = ["RayOffset", "ZTest", "ray_offset", "sidak", "unshadowed", "z_test"]
 
@@ -33,7 +35,7 @@ _CONTACT = 0.02
 it counts as in contact: beyond, the change is a jump over an occluder rather than a slope."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RayOffset:
     """What `ray_offset` returns.
 
@@ -52,19 +54,23 @@ class RayOffset:
     contact: npt.NDArray[np.bool_]
 
     def lift(self, radiance: npt.ArrayLike, unshadowed: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Return an image's radiance, shape (H, W, 3), with its receivers lifted.
+        """Return an image's radiance with its receivers lifted.
 
         Parameters
         ----------
         radiance, unshadowed : array_like, shape (H, W, 3)
             With and without occluders (see `unshadowed`).
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3), float64
         """
         change = self.change[..., None] * checks.numbers(unshadowed, "unshadowed")
         lifted: npt.NDArray[np.float64] = checks.numbers(radiance, "radiance") + change
         return np.maximum(lifted, 0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ZTest:
     """What `z_test` returns.
 
@@ -141,7 +147,19 @@ def ray_offset(scene: Scene, image: Image, light: Light, samples: int = 1024) ->
 
 
 def unshadowed(scene: Scene, camera: Camera, light: LightLike) -> npt.NDArray[np.float64]:
-    """Return the radiance without occluders, in closed form, shape (H, W, 3), linear RGB."""
+    """Return the radiance without occluders, in closed form.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera
+    light : light or sequence of lights
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), float64
+        Linear RGB.
+    """
     return render(_without_occluders(scene), camera, light, "hard").radiance.astype(np.float64)
 
 
@@ -157,7 +175,18 @@ def _without_occluders(scene: Scene) -> Scene:
 
 
 def sidak(alpha: float, tests: int) -> float:
-    """Return the level of each of `tests` independent tests whose joint level is `alpha`."""
+    """Return the level of each of `tests` independent tests whose joint level is `alpha`.
+
+    Parameters
+    ----------
+    alpha : float
+        The joint level, 0 to 1.
+    tests : int
+
+    Returns
+    -------
+    float
+    """
     return float(-np.expm1(np.log1p(-alpha) / max(tests, 1)))
 
 
@@ -204,7 +233,8 @@ def z_test(
     ValueError
         If shapes differ or no pixel is left to test.
     """
-    from scipy.stats import t as student
+    with needs("mitsuba", "z_test"):
+        from scipy.stats import t as student
 
     own = checks.numbers(image, "image")
     if own.shape != reference.radiance.shape:

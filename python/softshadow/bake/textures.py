@@ -18,7 +18,7 @@ Side: TypeAlias = Literal["light", "front", "back"]
 """Which side of a polygon is baked."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Polygon:
     """A receiver polygon: connected triangles of a mesh in one plane, and their texture's place.
 
@@ -49,7 +49,12 @@ class Polygon:
     size: tuple[int, int]
 
     def texel_positions(self) -> npt.NDArray[np.float64]:
-        """Return the world positions of all texels' centres, shape (H, W, 3)."""
+        """Return the world positions of all texels' centres.
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3), float64
+        """
         width, height = self.size
         u = (np.arange(width) + 0.5) / width
         v = 1 - (np.arange(height) + 0.5) / height
@@ -59,7 +64,7 @@ class Polygon:
         return positions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BakedTexture:
     """A texture with its place on a receiver. H by W texels.
 
@@ -102,6 +107,19 @@ class BakedTexture:
         """Write one of the arrays as ``.png``, ``.exr`` or ``.npy``; see `softshadow.images.write`.
 
         Several lights' modulation or visibility, and levels as floats, are written as ``.npy``.
+
+        Parameters
+        ----------
+        path : path
+        what : {"radiance", "modulation", "visibility"}
+            Which array.
+        exposure : float, optional
+            Of radiance in a PNG.
+
+        Raises
+        ------
+        ValueError, OSError
+            If `what` is none of these, or as `softshadow.images.write`.
         """
         if what not in ("radiance", "modulation", "visibility"):
             raise ValueError(f"what: expected radiance, modulation or visibility, got {what!r}")

@@ -12,15 +12,17 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from softshadow import _core, kernels
+from softshadow.arguments import Bar, Progress
+from softshadow.bake.textures import BakedTexture, Polygon, Side
 from softshadow.camera import Camera
-from softshadow.light import Light
+from softshadow.entries import Mesh, Spheres
+from softshadow.extras import needs
+from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Accumulation, Method
-from softshadow.render import LightLike, Prepared, Progress, _Bar, _lights
-from softshadow.scene import Mesh, Scene
-from softshadow.textures import BakedTexture, Polygon, Side
+from softshadow.render import Prepared
+from softshadow.scene import Scene, mesh_of, scene_of
 
 __all__ = [
     "POINT_BYTES",
@@ -74,7 +76,7 @@ def receiver_polygons(
     if side not in ("light", "front", "back"):
         raise ValueError(f"side: expected 'light', 'front' or 'back', got {side!r}")
     entries = [scene.names.index(name) for name in receivers]
-    with _Bar(progress, "bake: layout") as report:
+    with Bar(progress, "bake: layout") as report:
         core = _core.textures(scene._core, [x._core for x in lights], method, entries, side, report)
     out = []
     for i in range(len(core)):
@@ -140,15 +142,21 @@ class Accumulated(Job):
         progress: Progress,
     ) -> None:
         super().__init__()
-        self.lights, self.single = _lights(light)
+        self.lights, self.single = as_lights(light)
         # As they are now: the scene may change before a texture is asked for.
-        self.entries, self.method = {name: scene._mesh(name) for name in receivers}, method
-        self.core, self.polygons = receiver_polygons(
-            scene, self.lights, receivers, method, side, progress
-        )
-        self.bytes = self.core.bytes
-        self.samples = 0
-        self._draw(method.samples, progress)
+        self.entries, self.method = {name: mesh_of(scene, name) for name in receivers}, method
+        self.made_of = (scene.entries, light, tuple(receivers), method, side)
+        bar = Bar(progress, "bake")
+        with bar:
+            self.core, self.polygons = receiver_polygons(
+                scene, self.lights, receivers, method, side, bar.part(0, 0.1, "bake: layout")
+            )
+            self.bytes = self.core.bytes
+            self.samples = 0
+            self._draw(method.samples, bar.part(0.1, 1, "bake"))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _draw_again, (*self.made_of, self.samples)
 
     def __len__(self) -> int:
         return len(self.polygons)
@@ -158,7 +166,7 @@ class Accumulated(Job):
         return self.polygons[i].receiver
 
     def _draw(self, samples: int, progress: Progress) -> None:
-        with _Bar(progress, "bake") as report:
+        with Bar(progress, "bake") as report:
             self.seconds["textures"] += self.core.refine(samples, report)
         self.samples = samples
 
@@ -205,7 +213,22 @@ class Accumulated(Job):
         )
 
 
-@dataclass(frozen=True)
+def _draw_again(
+    entries: tuple[Mesh | Spheres, ...],
+    light: LightLike,
+    receivers: tuple[str, ...],
+    method: Accumulation,
+    side: Side,
+    samples: int,
+) -> Accumulated:
+    """Return the textures on the other side of a process boundary, with as many light points."""
+    drawn = replace(method, samples=samples)
+    job = Accumulated(scene_of(entries), light, receivers, drawn, side, False)
+    job.method, job.made_of = method, (entries, light, receivers, method, side)
+    return job
+
+
+@dataclass(frozen=True, eq=False)
 class _Chart:
     """Texels of a receiver with the points that they stand for; all (H, W)."""
 
@@ -234,17 +257,20 @@ class AtPoints(Job):
         progress: Progress,
     ) -> None:
         super().__init__()
-        self.lights, self.single = _lights(light)
+        self.lights, self.single = as_lights(light)
         # As they are now: the scene may change before a texture is asked for.
-        self.entries = {c.receiver: scene._mesh(c.receiver) for c in charts}
+        self.entries = {c.receiver: mesh_of(scene, c.receiver) for c in charts}
         self.charts = charts
-        prepared = Prepared(scene, self.lights, method, progress)
-        self.seconds["prepare"] = prepared.seconds["prepare"]
         points = [c.positions[c.known] for c in charts]
         normals = [c.normals[c.known] for c in charts]
         self.bytes = POINT_BYTES * sum(len(p) for p in points)
-        start = time.perf_counter()
-        seen = prepared.visibility(np.concatenate(points), np.concatenate(normals), progress)
+        bar = Bar(progress, "bake")
+        with bar:
+            prepared = Prepared(scene, self.lights, method, bar.part(0, 0.3, "bake: prepare"))
+            self.seconds["prepare"] = prepared.seconds["prepare"]
+            start = time.perf_counter()
+            every = np.concatenate(points), np.concatenate(normals)
+            seen = prepared.visibility(*every, bar.part(0.3, 1, "bake"))
         ends = np.cumsum([len(p) for p in points])[:-1]
         self.seen = np.split(seen, ends, axis=1)
         self.seconds["textures"] = time.perf_counter() - start
@@ -340,6 +366,9 @@ def unwrapped_chart(
     normals[mask] = cross[face] / length[face, None]
     source = None
     if padding and not mask.all():
+        with needs("bake", "padding texture coordinates' textures"):
+            from scipy import ndimage
+
         distance, nearest = ndimage.distance_transform_edt(~mask, return_indices=True)
         own = np.indices(mask.shape)
         place = np.where(distance <= padding, nearest, own)

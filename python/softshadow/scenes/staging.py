@@ -1,6 +1,6 @@
 """What scenes are made of: `Setup`, a light that faces a point, a square.
 
-`softshadow.scenes` and `softshadow.figures` build on it.
+All scenes build on it.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.scene import Scene
 
@@ -24,7 +26,7 @@ PLANE_ALBEDO = (0.7, 0.7, 0.7)
 """Of grounds and receiving planes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Setup:
     """What is needed to render.
 
@@ -57,6 +59,25 @@ def light_towards(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.
     """Return a light of width `size` at `center` that faces `aim`.
 
     Its radiance makes a white surface at `aim` that faces it reflect a radiance of about 1.
+
+    Parameters
+    ----------
+    kind : {"rect", "disk", "sphere"}
+    center : array_like, shape (3,)
+        World position.
+    size : float
+        Edge or diameter, world units.
+    aim : array_like, shape (3,)
+        World position that it faces.
+
+    Returns
+    -------
+    RectLight, DiskLight or SphereLight
+
+    Raises
+    ------
+    ValueError
+        If `kind` is none of these.
     """
     c = np.asarray(center, dtype=np.float64)
     n = np.asarray(aim, dtype=np.float64) - c
@@ -77,7 +98,27 @@ def light_towards(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.
 
 
 def square(half: float, z: float = 0.0) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Return a square with edge ``2 · half`` around the z axis, facing up."""
+    """Return a square with edge ``2 · half`` around the z axis, facing up.
+
+    Parameters
+    ----------
+    half : float
+        Half the edge, world units.
+    z : float
+        Its height, world units.
+
+    Returns
+    -------
+    vertices : ndarray, shape (4, 3), float64
+    faces : ndarray, shape (2, 3), int64
+    """
     h = half
     vertices = np.array([[-h, -h, z], [h, -h, z], [h, h, z], [-h, h, z]])
     return vertices, np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def with_normals_outwards(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Turn a closed mesh's faces outwards, and return it."""
+    with needs("scenes", "this scene"):
+        mesh.fix_normals()
+    return mesh

@@ -2,7 +2,7 @@
 
 They stand for the scenes that ray-traced shadow maps were made for (Xie, Tabellion and Pearce
 2007: a figure of 316k triangles, a palm tree of 310k, a fur ball of 4.6M). All are z-up, near unit
-size and near the origin; `softshadow.scenes` has them too.
+size and near the origin.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ import numpy.typing as npt
 import trimesh
 
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.kernels import curve_tubes
-from softshadow.models import stanford_bunny
 from softshadow.scene import Scene
-from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.models import stanford_bunny
+from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
 __all__ = ["fur_ball", "statue", "tree"]
 
@@ -187,6 +188,9 @@ def statue(
     FileNotFoundError
         If the model is not installed.
     """
+    with needs("scenes", "the statue"):
+        import scipy.sparse  # noqa: F401 (trimesh sums normals in another order without)
+
     vertices, faces = stanford_bunny()
     for _ in range(subdivisions):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)

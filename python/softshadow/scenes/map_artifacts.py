@@ -1,6 +1,6 @@
 """Scenes in which shadow maps go wrong, each in a way of its own, after Xie et al. 2007, Section 6.
 
-Small, z-up, near unit size and near the origin; `softshadow.scenes` has them too.
+Small, z-up, near unit size and near the origin.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import trimesh
 
 from softshadow.camera import Camera
 from softshadow.scene import Scene
-from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
 __all__ = ["ball", "oblique_board", "stacked_boards", "standing_cylinder"]
 

@@ -3,8 +3,7 @@
 Mo, Popescu and Wyman, Pacific Graphics 2007: a bunny, models with a sphere, an aircraft, two
 teapots (Figures 10 to 12), and a fork, at which the method fails (Figure 13). Their models are
 known from the pictures and their numbers of triangles. All are z-up, near unit size and near the
-origin; `softshadow.scenes` has them too. Lights are given by the radius of the paper's spheres,
-which are 0, 0.1 and 0.3 there.
+origin. Lights are given by the radius of the paper's spheres, which are 0, 0.1 and 0.3 there.
 """
 
 from __future__ import annotations
@@ -14,10 +13,17 @@ import numpy.typing as npt
 import trimesh
 
 from softshadow.camera import Camera
-from softshadow.figures import teapot, tube
-from softshadow.models import stanford_bunny
 from softshadow.scene import Scene
-from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.models import stanford_bunny
+from softshadow.scenes.staging import (
+    PLANE_ALBEDO,
+    LightKind,
+    Setup,
+    light_towards,
+    square,
+    with_normals_outwards,
+)
+from softshadow.scenes.wedges_paper import teapot, tube
 
 __all__ = ["aircraft", "bunny_and_sphere", "fork", "two_teapots"]
 
@@ -176,8 +182,7 @@ def _blade(outline: npt.ArrayLike, thick: float) -> trimesh.Trimesh:
     mesh = trimesh.Trimesh(
         np.vstack([low, high]), np.vstack([fan[:, ::-1], fan + n, *walls]), process=False
     )
-    trimesh.repair.fix_normals(mesh)
-    return mesh
+    return with_normals_outwards(mesh)
 
 
 def _over_ground() -> Scene:

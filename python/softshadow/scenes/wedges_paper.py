@@ -2,7 +2,7 @@
 
 Akenine-Möller and Assarsson, Eurographics Workshop on Rendering 2002. Their models are known from
 the pictures only; these have what each figure is about. All are z-up, near unit size and near the
-origin; `softshadow.scenes` has them too.
+origin.
 """
 
 from __future__ import annotations
@@ -12,11 +12,18 @@ import math
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from scipy import ndimage
 
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.scene import Scene
-from softshadow.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
+from softshadow.scenes.staging import (
+    PLANE_ALBEDO,
+    LightKind,
+    Setup,
+    light_towards,
+    square,
+    with_normals_outwards,
+)
 
 __all__ = [
     "acute_triangle",
@@ -277,8 +284,7 @@ def _prism(
     )
     faces = np.concatenate([strip, strip[:, ::-1] + 2 * n, sides])
     mesh = trimesh.Trimesh(np.concatenate([low, high]), faces, process=False)
-    mesh.fix_normals()
-    return mesh
+    return with_normals_outwards(mesh)
 
 
 def _logo(segments: int) -> trimesh.Trimesh:
@@ -333,6 +339,9 @@ def teapot(sections: int) -> trimesh.Trimesh:
 
 def _fractal(cells: int, seed: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Return a landscape over [-1.5, 1.5]²: octaves of noise, each half as wide and high."""
+    with needs("scenes", "landscape"):
+        from scipy import ndimage
+
     rng = np.random.default_rng(seed)
     grid = np.linspace(0.0, 1.0, cells + 1)
     heights = np.zeros((cells + 1, cells + 1))

@@ -1,26 +1,20 @@
-"""`bake`: light and shadow as textures on the things that receive them.
-
-Planar receivers have a texture for each of their polygons, by `Accumulation` or any method that
-answers at points; meshes with texture coordinates have one each, by the latter.
-
-Texture coordinates have their origin at the lower left, arrays their first row on top: the texel in
-row ``r`` and column ``c`` of an (H, W) texture has its centre at
-``u = (c + 1/2) / W, v = 1 - (r + 1/2) / H``.
-"""
+"""`bake` and what it returns."""
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks, images
-from softshadow.baking import (
+from softshadow.arguments import Bar, Progress
+from softshadow.bake.sources import (
     POINT_BYTES,
     Accumulated,
     AtPoints,
@@ -29,16 +23,20 @@ from softshadow.baking import (
     receiver_polygons,
     unwrapped_chart,
 )
+from softshadow.bake.textures import BakedTexture, Polygon, Side
+from softshadow.entries import Mesh
+from softshadow.light import LightLike, as_lights
 from softshadow.methods import Accumulation, Method, MethodLike, resolve
-from softshadow.render import LightLike, Progress, _lights
-from softshadow.scene import Mesh, Scene
-from softshadow.textures import BakedTexture, Polygon, Side
+from softshadow.scene import Scene, mesh_of
 
-__all__ = ["Bake", "BakedTexture", "Polygon", "bake", "bake_layout"]
+__all__ = ["Bake", "bake", "bake_layout"]
 
 
 class Bake(Sequence[BakedTexture]):
     """What `bake` returns: a sequence of textures, which `Accumulation` can refine.
+
+    A copy is independent; in it, as on the other side of a process boundary, `Accumulation` draws
+    all light points again, with the same bits. It equals itself only.
 
     Attributes
     ----------
@@ -55,6 +53,9 @@ class Bake(Sequence[BakedTexture]):
         self._job = job
         self._method = method
         self._known: dict[int, BakedTexture] = {}
+
+    def __copy__(self) -> Bake:
+        return copy.deepcopy(self)  # refining one would otherwise refine the other
 
     @property
     def method(self) -> Method:
@@ -79,7 +80,13 @@ class Bake(Sequence[BakedTexture]):
     def __len__(self) -> int:
         return len(self._job)
 
-    def __getitem__(self, index: Any) -> Any:
+    @overload
+    def __getitem__(self, index: int) -> BakedTexture: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[BakedTexture]: ...
+
+    def __getitem__(self, index: int | slice) -> BakedTexture | list[BakedTexture]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         i = range(len(self))[index]
@@ -91,7 +98,22 @@ class Bake(Sequence[BakedTexture]):
         return (self[i] for i in range(len(self)))
 
     def of(self, receiver: str) -> list[BakedTexture]:
-        """Return the textures of one receiver."""
+        """Return the textures of one receiver.
+
+        Parameters
+        ----------
+        receiver : str
+            Name of the scene's entry.
+
+        Returns
+        -------
+        list of BakedTexture
+
+        Raises
+        ------
+        ValueError
+            If it has none.
+        """
         found = [self[i] for i in range(len(self)) if self._job.receiver(i) == receiver]
         if not found:
             raise ValueError(f"bake: no textures of {receiver!r}")
@@ -114,6 +136,16 @@ class Bake(Sequence[BakedTexture]):
         ValueError
             If the method is not `Accumulation`, the points are fewer than there are, or eight bits
             cannot be divided among so many.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> setup = ss.scenes.half_plane(32, 24)
+        >>> method = ss.Accumulation(samples=16, max_size=32)
+        >>> textures = ss.bake(setup.scene, setup.light, "receiver", method)
+        >>> textures.refine()
+        >>> textures.samples
+        32
         """
         self._job.refine(samples, progress)
         self._known.clear()
@@ -129,6 +161,27 @@ class Bake(Sequence[BakedTexture]):
 
         For PNGs of radiance all textures are exposed alike: by `exposure`, or by the one that suits
         the brightest of them.
+
+        Parameters
+        ----------
+        folder : path
+            Must exist.
+        suffix : {".png", ".exr", ".npy"}
+            As of `softshadow.images.write`.
+        what : {"radiance", "modulation", "visibility"}
+            Which of a texture's arrays.
+        exposure : float, optional
+            Of radiance in PNGs.
+
+        Returns
+        -------
+        list of Path
+            What was written.
+
+        Raises
+        ------
+        ValueError, OSError
+            As `softshadow.images.write`.
         """
         if what == "radiance" and exposure is None and suffix.lower() == ".png":
             exposure = min((images.auto_exposure(t.radiance) for t in self), default=1.0)
@@ -157,7 +210,7 @@ def _names(scene: Scene, receivers: str | Sequence[str] | None) -> list[str]:
     if not names:
         raise ValueError("receivers: expected at least one name")
     for name in names:
-        if not scene._mesh(name).receives:
+        if not mesh_of(scene, name).receives:
             raise ValueError(f"receivers: mesh {name!r} does not receive (receives=False)")
     return names
 
@@ -212,7 +265,7 @@ def bake_layout(
         As `bake`; also if the textures take more than the method's `memory_limit`.
     """
     names = _names(scene, receivers)
-    lights, _ = _lights(light)
+    lights, _ = as_lights(light)
     layout = _layout_method(resolve(method), texel, max_size)
     core, polygons = receiver_polygons(scene, lights, names, layout, side, False)
     return polygons, core.bytes
@@ -273,39 +326,51 @@ def bake(
     ValueError
         If a name is unknown or not of a mesh that receives, texture coordinates do not fit, the
         method needs a camera, or the textures take more memory than `Accumulation.memory_limit`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> textures = ss.bake(setup.scene, setup.light, "receiver", max_size=32)
+    >>> textures[0].radiance.shape
+    (32, 32, 3)
     """
     chosen = resolve(method)
     names = _names(scene, receivers)
-    lights, single = _lights(light)
+    lights, single = as_lights(light)
     own = dict(uv or {})
     for name in own:
         if name not in names:
             raise ValueError(f"uv: {name!r} is not among the receivers {names}")
     layout = _layout_method(chosen, texel, max_size)
+    given: LightLike = lights[0] if single else lights
     if isinstance(chosen, Accumulation):
         if own:
             raise ValueError(
                 "uv: accumulation bakes planar polygons with a layout of their own; bake meshes "
                 "with texture coordinates by a method that answers at points, such as ray_traced"
             )
-        given: LightLike = lights[0] if single else lights
         return Bake(Accumulated(scene, given, names, layout, side, progress), layout)
     if not chosen.points:
         raise ValueError(f"method {chosen.name!r} needs a camera and cannot bake")
     width, height = checks.size(size, "size", 65536)
     padding = checks.integer(padding, "padding", 0, 65536)
-    unwrapped = {name: _corner_uv(scene._mesh(name), own[name]) for name in own}
+    unwrapped = {name: _corner_uv(mesh_of(scene, name), own[name]) for name in own}
     planar = [name for name in names if name not in own]
-    core, polygons = (
-        receiver_polygons(scene, lights, planar, layout, side, progress) if planar else (None, [])
-    )
-    texels = sum(p.size[0] * p.size[1] for p in polygons) + len(own) * width * height
-    if POINT_BYTES * texels > layout.memory_limit:
-        raise ValueError(
-            f"bake: {texels} texels take {POINT_BYTES * texels / 1e9:.2f} GB, more than "
-            f"{layout.memory_limit / 1e9:.2f} GB; a larger texel or a smaller size takes less"
-        )
-    charts = [planar_chart(p, core.mask(i)) for i, p in enumerate(polygons) if core is not None]
-    for name, corners in unwrapped.items():
-        charts.append(unwrapped_chart(scene._mesh(name), corners, (width, height), padding))
-    return Bake(AtPoints(scene, lights[0] if single else lights, charts, chosen, progress), chosen)
+    bar = Bar(progress, "bake")
+    with bar:
+        core, polygons = None, list[Polygon]()
+        if planar:
+            first = bar.part(0, 0.1, "bake: layout")
+            core, polygons = receiver_polygons(scene, lights, planar, layout, side, first)
+        texels = sum(p.size[0] * p.size[1] for p in polygons) + len(own) * width * height
+        if POINT_BYTES * texels > layout.memory_limit:
+            raise ValueError(
+                f"bake: {texels} texels take {POINT_BYTES * texels / 1e9:.2f} GB, more than "
+                f"{layout.memory_limit / 1e9:.2f} GB; a larger texel or a smaller size takes less"
+            )
+        charts = [planar_chart(p, core.mask(i)) for i, p in enumerate(polygons) if core is not None]
+        for name, corners in unwrapped.items():
+            mesh = mesh_of(scene, name)
+            charts.append(unwrapped_chart(mesh, corners, (width, height), padding))
+        return Bake(AtPoints(scene, given, charts, chosen, bar.part(0.1, 1, "bake")), chosen)

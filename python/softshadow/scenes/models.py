@@ -28,19 +28,30 @@ def missing(what: str, package: str) -> FileNotFoundError:
 
 
 def stanford_bunny_path() -> Path | None:
-    """Return the Stanford bunny's PLY file, or None if ``pymeshfix`` is not installed."""
+    """Return the Stanford bunny's PLY file.
+
+    Returns
+    -------
+    Path or None
+        None if ``pymeshfix`` is not installed.
+    """
     folder = _package_folder("pymeshfix")
     path = folder / "examples" / "StanfordBunny.ply" if folder else None
     return path if path is not None and path.is_file() else None
 
 
 def city_path(name: str = "munich") -> Path | None:
-    """Return the folder of a city's PLY files, or None if ``sionna-rt`` is not installed.
+    """Return the folder of a city's PLY files.
 
     Parameters
     ----------
     name : str
         ``"munich"`` or ``"san_francisco"`` (and what else the package has).
+
+    Returns
+    -------
+    Path or None
+        None if ``sionna-rt`` is not installed.
     """
     folder = _package_folder("sionna")
     path = folder / "rt" / "scenes" / name / "meshes" if folder else None
