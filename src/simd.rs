@@ -62,33 +62,32 @@ pub fn levels() -> Vec<(&'static str, Level)> {
     out
 }
 
-/// The level asked for, or the best one, and its name.
+/// What [`VARIABLE`] names, or the best level, with its name; the environment is read once.
 ///
 /// # Errors
-/// The names to choose from if [`VARIABLE`] names none of this machine's levels.
-pub fn chosen() -> Result<(&'static str, Level), String> {
-    let levels = levels();
-    let best = levels[levels.len() - 1];
-    match std::env::var(VARIABLE) {
-        Ok(name) if !name.is_empty() => levels
-            .iter()
-            .copied()
-            .find(|level| level.0 == name)
-            .ok_or_else(|| {
+/// The names to choose from if none of this machine's levels has the one that is set.
+pub fn chosen() -> Result<(&'static str, Level), &'static str> {
+    static CHOSEN: OnceLock<Result<(&'static str, Level), String>> = OnceLock::new();
+    let chosen = CHOSEN.get_or_init(|| {
+        let levels = levels();
+        let name = std::env::var(VARIABLE).unwrap_or_default();
+        let named = levels.iter().find(|level| level.0 == name);
+        match (named, name.as_str()) {
+            (Some(&level), _) => Ok(level),
+            (None, "") => Ok(levels[levels.len() - 1]),
+            _ => {
                 let names: Vec<_> = levels.iter().map(|level| level.0).collect();
-                format!(
-                    "{VARIABLE} is {name:?}, but this machine has {}",
-                    names.join(", ")
-                )
-            }),
-        _ => Ok(best),
-    }
+                let names = names.join(", ");
+                Err(format!("{VARIABLE} is {name:?}; this machine has {names}"))
+            }
+        }
+    });
+    chosen.as_ref().copied().map_err(String::as_str)
 }
 
-/// The level that kernels run at: what the first call found in the environment, or the best one.
+/// The level that kernels run at: the best one where [`chosen`] is an error.
 pub fn detect() -> Level {
-    static LEVEL: OnceLock<Level> = OnceLock::new();
-    *LEVEL.get_or_init(|| chosen().map_or_else(|_| Level::new(), |(_, level)| level))
+    chosen().map_or_else(|_| Level::new(), |(_, level)| level)
 }
 
 /// Comparisons as one bit a lane, and the smaller and larger value with the same bits on every machine:

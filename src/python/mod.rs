@@ -41,6 +41,7 @@ use pyo3::types::{PyDict, PyType};
 use crate::control::Control;
 use crate::error::{Error, Kind, Result};
 use crate::memory;
+use crate::simd;
 
 #[global_allocator]
 static ALLOCATOR: allocator::Allocator = allocator::Allocator;
@@ -189,9 +190,18 @@ fn internal_error(panic: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("internal error, please report it: {text}"))
 }
 
+/// The name of the SIMD level that kernels run at.
+#[pyfunction]
+fn simd_level() -> &'static str {
+    simd::chosen().map_or("", |(name, _)| name)
+}
+
 #[pymodule]
 mod _core {
+    use pyo3::exceptions::PyImportError;
     use pyo3::prelude::*;
+
+    use crate::simd;
 
     #[pymodule_export]
     use super::accumulation::{PyTextures, textures};
@@ -200,7 +210,7 @@ mod _core {
     #[pymodule_export]
     use super::render::{PyPrepared, prepare};
     #[pymodule_export]
-    use super::{ParameterError, SceneError, UnsupportedError};
+    use super::{ParameterError, SceneError, UnsupportedError, simd_level};
 
     #[pymodule_export]
     use super::pool::{set_threads, thread_count};
@@ -211,6 +221,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         super::quiet_when_exhausted();
+        simd::chosen().map_err(PyImportError::new_err)?;
         module.add("OutOfMemoryError", super::out_of_memory(module.py())?)
     }
 
