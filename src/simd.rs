@@ -196,3 +196,129 @@ pub fn prefetch<T>(slice: &[T], at: usize) {
     #[cfg(not(target_arch = "x86_64"))]
     let _ = (slice, at);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fearless_simd::dispatch;
+
+    /// Values that comparisons, roundings and flushing to zero could take differently.
+    const HARD: [f32; 16] = [
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::NAN,
+        f32::MIN_POSITIVE,
+        -f32::MIN_POSITIVE,
+        1e-45,
+        -1e-40,
+        f32::MAX,
+        f32::MIN,
+        1.0 + f32::EPSILON,
+        3.3,
+        1e-23,
+    ];
+
+    /// What the operations give for a pair of rows: numbers, and bits of lanes.
+    type Found = (Vec<Row>, Vec<u16>);
+
+    #[inline(always)]
+    fn operate<S: Simd>(simd: S, a: &Row, b: &Row) -> Found {
+        let (x, y) = (a.load(simd), b.load(simd));
+        let four = [x, y].map(|v| v.as_array().as_chunks::<4>().0[1].into());
+        let numbers = [
+            x + y,
+            x - y,
+            x * y,
+            x / y,
+            x * y + x,
+            x.sqrt(),
+            x.abs(),
+            x.lesser(y),
+            x.greater(y),
+            x.lesser(0.0),
+            x.where_bits(0x5a3c, y),
+            x.simd_lt(y).select(x, y),
+            swap_fours(x),
+            join(simd, [four[0], four[1], four[1], four[0]]),
+        ];
+        let mut rows = vec![Row::default(); numbers.len()];
+        for (row, number) in rows.iter_mut().zip(numbers) {
+            row.set(number);
+        }
+        let values = |from: usize| std::array::from_fn(|i| f64::from(a.0[from + i]));
+        let positive = [positive(simd, &values(0)), positive(simd, &values(8))];
+        let positive = u16::from(positive[0]) | u16::from(positive[1]) << 8;
+        (rows, vec![x.lt(y), x.le(y), x.gt(y), x.ge(y), positive])
+    }
+
+    /// The same, lane by lane.
+    fn expected(a: &Row, b: &Row) -> Found {
+        let number =
+            |of: &dyn Fn(f32, f32) -> f32| Row(std::array::from_fn(|i| of(a.0[i], b.0[i])));
+        let lane = |of: &dyn Fn(usize) -> f32| Row(std::array::from_fn(of));
+        let bits = |of: &dyn Fn(f32, f32) -> bool| {
+            (0..LANES).fold(0, |m, i| m | u16::from(of(a.0[i], b.0[i])) << i)
+        };
+        let sides = [a, b, b, a];
+        let numbers = vec![
+            number(&|x, y| x + y),
+            number(&|x, y| x - y),
+            number(&|x, y| x * y),
+            number(&|x, y| x / y),
+            number(&|x, y| x * y + x),
+            number(&|x, _| x.sqrt()),
+            number(&|x, _| x.abs()),
+            number(&|x, y| if x < y { x } else { y }),
+            number(&|x, y| if x > y { x } else { y }),
+            number(&|x, _| if x < 0.0 { x } else { 0.0 }),
+            lane(&|i| if 0x5a3c >> i & 1 == 1 { a.0[i] } else { b.0[i] }),
+            number(&|x, y| if x < y { x } else { y }),
+            lane(&|i| a.0[i ^ 4]),
+            lane(&|i| sides[i / 4].0[4 + i % 4]),
+        ];
+        let bits = vec![
+            bits(&|x, y| x < y),
+            bits(&|x, y| x <= y),
+            bits(&|x, y| x > y),
+            bits(&|x, y| x >= y),
+            bits(&|x, _| x > 0.0),
+        ];
+        (numbers, bits)
+    }
+
+    #[test]
+    fn all_levels_do_the_same_with_hard_values() {
+        for (name, level) in levels() {
+            for turn in 0..LANES {
+                let (a, b) = (
+                    Row(HARD),
+                    Row(std::array::from_fn(|i| HARD[(i + turn) % LANES])),
+                );
+                let (found, expected) = (
+                    dispatch!(level, simd => operate(simd, &a, &b)),
+                    expected(&a, &b),
+                );
+                for (k, (x, y)) in found.0.iter().zip(&expected.0).enumerate() {
+                    // Only the sign and the payload of a NaN that an operation makes are the machine's.
+                    let bits = |row: &Row| row.0.map(|x| if x.is_nan() { 1 } else { x.to_bits() });
+                    assert_eq!(bits(x), bits(y), "{name}, operation {k}, turn {turn}");
+                }
+                assert_eq!(found.1, expected.1, "{name}, turn {turn}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_level_in_use_is_the_one_asked_for_or_the_best() {
+        let levels = levels();
+        let (name, _) = chosen().unwrap();
+        match std::env::var(VARIABLE) {
+            Ok(asked) if !asked.is_empty() => assert_eq!(name, asked),
+            _ => assert_eq!(name, levels[levels.len() - 1].0),
+        }
+    }
+}
