@@ -6,7 +6,7 @@
 use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
-use crate::geometry::Frame;
+use crate::frame::Frame;
 
 /// Largest width or height: pixel coordinates and their products stay exact.
 pub const MAX_SIZE: u32 = 1 << 16;

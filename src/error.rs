@@ -3,6 +3,9 @@
 //! Every message names the thing, where it is and what is allowed. The Python bridge maps each
 //! variant to an exception class ([`Error::kind`]); kernels return `Result` and never panic on input.
 
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
 use thiserror::Error;
 
 /// What can be wrong with what a caller passes in.
@@ -118,6 +121,29 @@ pub enum Kind {
     Memory,
     /// `KeyboardInterrupt`, or what the progress callback raised
     Cancelled,
+}
+
+/// Checks that parameter `name` of `method` is in its range; a range up to [`f64::MAX`] has no end.
+///
+/// # Errors
+/// [`Error::Parameter`].
+pub fn in_range<T: PartialOrd + Display + Into<f64> + Copy>(
+    method: &str,
+    name: &str,
+    value: T,
+    range: RangeInclusive<T>,
+) -> Result<()> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let (low, high) = (range.start(), range.end());
+    let allowed = if (*high).into() == f64::MAX {
+        format!("a finite number of at least {low}")
+    } else {
+        format!("{low} to {high}")
+    };
+    let reason = format!("{name} must be {allowed}, got {value}");
+    Err(Error::parameter(method, reason))
 }
 
 impl Error {

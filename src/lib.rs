@@ -3,25 +3,35 @@
 //! # Conventions
 //! Right-handed world space; sizes in world units. *Visibility* is the fraction of a light that a point
 //! sees, 1 fully lit. Images are stored row by row, row 0 on top. *Local* coordinates are those of
-//! [`geometry::Frame`]: `f32`, within [-1, 1].
+//! [`frame::Frame`]: `f32`, within [-1, 1].
 //!
-//! # Map
-//! [`scene`] holds named meshes ([`mesh`]) and spheres; [`geometry`] is a snapshot of it in local
-//! coordinates. [`receivers`] are the points that visibility is wanted for, found by the rasteriser
-//! ([`raster`]) for a [`camera`]. [`light`] has closed forms, [`sampling`] light points, [`bvh`] ray
-//! queries. [`methods`] answer, [`render`] turns answers into radiance. The `python` feature adds the
-//! bindings.
+//! # Floors
+//! From the ground up; a module uses only what is below it, and methods do not use each other.
+//! - [`error`], `memory`, [`control`], [`simd`], [`frame`]: the ground;
+//! - [`mesh`]: adjacency and silhouettes of a mesh;
+//! - [`camera`], [`geometry`]: what a scene is made of, in local coordinates;
+//! - [`raster`]: drawing triangles;
+//! - [`light`]: closed forms, a file a shape; [`receivers`]: the points that visibility is wanted for;
+//! - [`bvh`]: ray queries; [`sampling`]: light points;
+//! - [`scene`]: named meshes and spheres, and snapshots of them with their hierarchies;
+//! - [`method`]: what all methods have in common; [`far`]: far lights for those that need near ones;
+//! - [`casters`], [`maps`], [`textures`]: what several methods share;
+//! - [`methods`]: each in a file or folder of its own;
+//! - [`render`]: from visibility to radiance. The `python` feature adds the bindings.
 
 pub mod bvh;
 pub mod camera;
-mod contour;
+pub mod casters;
 pub mod control;
 pub mod error;
+pub mod far;
 pub mod frame;
 pub mod geometry;
 pub mod light;
+pub mod maps;
 mod memory;
 pub mod mesh;
+pub mod method;
 pub mod methods;
 pub mod raster;
 pub mod receivers;
@@ -29,7 +39,7 @@ pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod simd;
-mod surface;
+pub mod textures;
 
 #[cfg(feature = "python")]
 mod python;

@@ -7,8 +7,9 @@ use rayon::prelude::*;
 
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::methods::Shading;
-use crate::receivers::{Receivers, Surface};
+use crate::method::Shading;
+use crate::receivers::Receivers;
+use crate::receivers::visible::Surface;
 
 /// Receivers that one task lights.
 const CHUNK: usize = 1024;

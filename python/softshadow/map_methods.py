@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from softshadow import _core
 from softshadow.method import Method
 
 __all__ = ["DeepShadow", "Mlsm", "Mtsm", "Mvsm", "Pcf", "Slsm"]
@@ -50,9 +49,6 @@ class Mvsm(Method):
     name: ClassVar[str] = "mvsm"
     points: ClassVar[bool] = True
 
-    def _to_core(self) -> _core.Method:
-        return _core.Method.mvsm(self)
-
 
 @dataclass(frozen=True)
 class Pcf(Method):
@@ -94,9 +90,6 @@ class Pcf(Method):
     name: ClassVar[str] = "pcf"
     points: ClassVar[bool] = True
 
-    def _to_core(self) -> _core.Method:
-        return _core.Method.pcf(self)
-
 
 @dataclass(frozen=True)
 class DeepShadow(Method):
@@ -133,9 +126,6 @@ class DeepShadow(Method):
     name: ClassVar[str] = "deep"
     transparent: ClassVar[bool] = True
     points: ClassVar[bool] = True
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.deep(self)
 
 
 @dataclass(frozen=True)
@@ -187,9 +177,6 @@ class Slsm(Method):
     resets: ClassVar[int] = 0
     crossing: ClassVar[str] = "multiply"
 
-    def _to_core(self) -> _core.Method:
-        return _core.Method.slsm(self)
-
 
 @dataclass(frozen=True)
 class Mlsm(Method):
@@ -224,9 +211,6 @@ class Mlsm(Method):
     threshold: ClassVar[float] = 0.0
     resets: ClassVar[int] = 0
     crossing: ClassVar[str] = "multiply"
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.mlsm(self)
 
 
 @dataclass(frozen=True)
@@ -272,6 +256,3 @@ class Mtsm(Method):
     name: ClassVar[str] = "mtsm"
     transparent: ClassVar[bool] = True
     points: ClassVar[bool] = True
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.mtsm(self)

@@ -29,6 +29,8 @@ _RANGES = {
 class Method:
     """What all methods share; not itself a method.
 
+    The compiled core makes a method from its `name` and its fields.
+
     Parameters are checked when a method is made: of the right kind and in their range, or a
     ``TypeError`` or ``ValueError`` that says which and what is allowed.
     """
@@ -55,7 +57,9 @@ class Method:
         return asdict(self)
 
     def _to_core(self) -> _core.Method:
-        raise TypeError(f"{type(self).__name__} cannot be rendered")
+        if type(self) is Method:
+            raise TypeError("Method is what methods share, not itself a method")
+        return _core.Method(self.name, self)
 
 
 _Kinds: TypeAlias = "dict[str, tuple[tuple[Any, ...], tuple[str, ...]]]"

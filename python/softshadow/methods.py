@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal, TypeAlias
 
-from softshadow import _core
 from softshadow.map_methods import DeepShadow, Mlsm, Mtsm, Mvsm, Pcf, Slsm
 from softshadow.method import Method
 
@@ -84,9 +83,6 @@ class Accumulation(Method):
     name: ClassVar[str] = "accumulation"
     transparent: ClassVar[bool] = True
 
-    def _to_core(self) -> _core.Method:
-        return _core.Method.accumulation(self)
-
 
 @dataclass(frozen=True)
 class Convolution(Method):
@@ -124,9 +120,6 @@ class Convolution(Method):
 
     name: ClassVar[str] = "convolution"
 
-    def _to_core(self) -> _core.Method:
-        return _core.Method.convolution(self)
-
 
 @dataclass(frozen=True)
 class Hard(Method):
@@ -139,9 +132,6 @@ class Hard(Method):
     name: ClassVar[str] = "hard"
     transparent: ClassVar[bool] = True
     points: ClassVar[bool] = True
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.hard()
 
 
 @dataclass(frozen=True)
@@ -171,9 +161,6 @@ class RayTraced(Method):
     transparent: ClassVar[bool] = True
     points: ClassVar[bool] = True
 
-    def _to_core(self) -> _core.Method:
-        return _core.Method.ray_traced(self.samples, self.seed, self.pattern, self.cull)
-
 
 @dataclass(frozen=True)
 class ShadowVolume(Method):
@@ -198,9 +185,6 @@ class ShadowVolume(Method):
     cull: bool = True
 
     name: ClassVar[str] = "shadow_volume"
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.shadow_volume(self.counting, self.opacity, self.cull)
 
 
 @dataclass(frozen=True)
@@ -235,9 +219,6 @@ class SingleSample(Method):
 
     name: ClassVar[str] = "single_sample"
     points: ClassVar[bool] = True
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.single_sample(self)
 
 
 @dataclass(frozen=True)
@@ -285,9 +266,6 @@ class Ssoc(Method):
 
     name: ClassVar[str] = "ssoc"
     points: ClassVar[bool] = True
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.ssoc(self)
 
 
 @dataclass(frozen=True)
@@ -341,9 +319,6 @@ class Wedges(Method):
     cull: bool = True
 
     name: ClassVar[str] = "wedges"
-
-    def _to_core(self) -> _core.Method:
-        return _core.Method.wedges(self)
 
 
 _METHODS: dict[str, type[Method]] = {

@@ -245,7 +245,8 @@ fn left_of(a: DVec2, b: DVec2) -> i8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Scene};
+    use crate::geometry::entry::Material;
+    use crate::scene::Scene;
 
     #[test]
     fn a_segment_through_a_shared_edge_or_vertex_crosses_one_triangle() {
@@ -292,7 +293,7 @@ mod tests {
                 .add_mesh(&name, sheet(i).to_vec(), &[[0, 1, 2]], looks)
                 .unwrap();
         }
-        let geometry = scene.geometry().unwrap();
+        let geometry = scene.snapshot().unwrap();
         let local = |z: f64| geometry.frame.to_local(DVec3::new(0.05, 0.1, z)).as_vec3();
         for (from, to, z) in [(-0.5, 1.5, 0.0), (1.5, -0.5, 0.99), (0.495, 0.0, 0.49)] {
             let ends = (local(from), local(to));

@@ -16,9 +16,9 @@ use rayon::prelude::*;
 
 use super::TriangleBvh;
 use super::tree::Node;
+use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::sampling::POINT_OFFSET;
 use crate::simd::{LANES, Lanes, Level, Row, detect};
 
 /// An edge with the normals of its two triangles; zero normals where there are not two proper ones, so

@@ -4,18 +4,15 @@
 //! tangent plane. Exact for a light of size zero, and wrong by the whole penumbra for any other: that is
 //! what the other methods are measured against.
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
-use glam::Vec3;
-
-use super::{Method, Prepared, Shading};
 use crate::bvh::packet::Packet;
 use crate::control::Control;
 use crate::error::Result;
-use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
-use crate::sampling::lift;
 use crate::simd::LANES;
 
 /// Hard shadows; no parameters.
@@ -29,25 +26,19 @@ impl Method for Hard {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
         geometry.occluders();
-        let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
+        let lights = lights.to_vec();
         Ok(Box::new(PreparedHard { geometry, lights }))
     }
 }
 
-/// Where shadow rays to a local light's centre end: towards the emitting side of it, as the light sampler
-/// moves its points.
-pub(super) fn target(light: &Light) -> Vec3 {
-    (light.center() + lift(light)).as_vec3()
-}
-
 struct PreparedHard {
-    geometry: Arc<Geometry>,
+    geometry: Arc<Snapshot>,
     lights: Vec<Light>,
 }
 
@@ -55,7 +46,7 @@ impl Prepared for PreparedHard {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let light = &self.lights[light];
         let occluders = self.geometry.occluders();
-        let target = target(light);
+        let target = light.target();
         let keep = <(Packet, Vec<u32>)>::default;
         let visibility =
             receivers.by_groups(control, 0.0, keep, |(packet, stack), range, out| {

@@ -1,4 +1,4 @@
-//! The methods, each in a file or folder of its own, and what they have in common.
+//! The methods, each in a file or folder of its own; none uses another.
 //!
 //! - [`accumulation`]: averaged hard-shadow textures;
 //! - [`convolution`]: hard shadows convolved with the light's image;
@@ -11,16 +11,11 @@
 //! - [`ssoc`]: the soft shadow occlusion camera;
 //! - [`wedges`]: penumbra wedges, and shadow volumes.
 //!
-//! Of lights that are farther away than a method reaches [`far`] makes near ones.
-//!
-//! A method prepares itself once for a scene and its lights ([`Method::prepare`]) and then answers for
-//! any receivers ([`Prepared::shade`]). It says which fraction of a light each receiver sees; turning
-//! that into radiance is the same for all ([`crate::render`]).
+//! What they have in common is [`crate::method`]; of lights that are farther away than one reaches [`crate::far`] makes
+//! near ones.
 
 pub mod accumulation;
-mod behind;
 pub mod convolution;
-pub mod far;
 pub mod filtered;
 pub mod hard;
 pub mod layered;
@@ -28,68 +23,4 @@ pub mod mvsm;
 pub mod ray_traced;
 pub mod single_sample;
 pub mod ssoc;
-pub mod views;
 pub mod wedges;
-
-use std::sync::Arc;
-
-use crate::control::Control;
-use crate::error::Result;
-use crate::geometry::Geometry;
-use crate::light::Light;
-use crate::receivers::Receivers;
-
-/// What a method finds for every receiver under one light, in the receivers' order.
-#[derive(Debug, Clone, Default)]
-pub struct Shading {
-    /// Fraction of the light that is seen, 0 to 1.
-    pub visibility: Vec<f32>,
-    /// Irradiance at radiance 1, where the method weights its own samples; otherwise it is the
-    /// unshadowed irradiance times visibility over `h`.
-    pub irradiance: Option<Vec<f32>>,
-}
-
-/// A method with its parameters.
-pub trait Method: Send + Sync {
-    /// The name that users call it by.
-    fn name(&self) -> &'static str;
-
-    /// Distance of a light from the scene's middle, in local units, up to which the method takes it as it is; lights
-    /// that are farther away are brought near ([`far::prepare`]).
-    fn reach(&self) -> f64 {
-        f64::INFINITY
-    }
-
-    /// Builds what is paid once for a scene and its lights, which are in world coordinates.
-    ///
-    /// # Errors
-    /// What the method cannot do, or [`crate::error::Error::Cancelled`].
-    fn prepare(
-        &self,
-        geometry: Arc<Geometry>,
-        lights: &[Light],
-        control: &Control,
-    ) -> Result<Box<dyn Prepared>>;
-}
-
-/// A method that is ready to answer.
-pub trait Prepared: Send + Sync {
-    /// Answers for all receivers under light number `light`, with one [`Control::step`] a group.
-    ///
-    /// # Errors
-    /// [`crate::error::Error::Cancelled`].
-    fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading>;
-
-    /// Bytes of the method's own data structures.
-    fn bytes(&self) -> usize;
-
-    /// What frames found missing and built for all that come after, in seconds so far.
-    fn built_seconds(&self) -> Vec<(&'static str, f64)> {
-        Vec::new()
-    }
-
-    /// Stages of preparing, in seconds.
-    fn seconds(&self) -> Vec<(&'static str, f64)> {
-        Vec::new()
-    }
-}

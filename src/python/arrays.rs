@@ -9,7 +9,7 @@ use pyo3::types::PyDict;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::geometry::Frame;
+use crate::frame::Frame;
 use crate::memory;
 
 /// The rows of an (N, 3) array, whatever its strides.

@@ -1,5 +1,6 @@
 //! Preparing a method for a scene, rendering images and answering at points.
 
+use crate::scene::snapshot::Snapshot;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,18 +11,25 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 
-use super::objects::{PyCamera, PyLight, PyMethod, PyScene};
-use super::pool::{self, Origin};
-use super::{arrays, run};
+use super::arrays;
+use super::camera::PyCamera;
+use super::light::PyLight;
+use super::methods::PyMethod;
+use super::pool;
+use super::pool::Origin;
+use super::run::run;
+use super::scene::PyScene;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Geometry;
+use crate::far;
 use crate::light::Light;
-use crate::memory::{self, fill, unwritten, written};
-use crate::methods::{Prepared, Shading, far};
+use crate::memory;
+use crate::memory::{fill, unwritten, written};
+use crate::method::{Prepared, Shading};
 use crate::raster::tile_count;
-use crate::receivers::{BLOCK, Receivers, Surface, from_camera, most_groups};
+use crate::receivers::visible::{Surface, from_camera, most_groups};
+use crate::receivers::{BLOCK, Receivers};
 use crate::render::{irradiance, unshadow};
 
 /// A method, prepared for a scene and its lights.
@@ -30,7 +38,7 @@ pub(super) struct PyPrepared(Arc<Ready>);
 
 /// What kernels share with the Python object.
 struct Ready {
-    geometry: Arc<Geometry>,
+    geometry: Arc<Snapshot>,
     lights: Vec<Light>,
     method: Box<dyn Prepared>,
     seconds: Vec<(&'static str, f64)>,
@@ -62,8 +70,10 @@ pub(super) fn prepare(
     let scene = scene.shared();
     run(py, progress.as_ref(), move |control| {
         let start = Instant::now();
-        let geometry = scene.geometry_for(&lights)?;
+        let geometry = scene.snapshot_for(&lights)?;
         let geometry_seconds = start.elapsed().as_secs_f64();
+        let local = |light: &Light| light.to_local(&geometry.frame);
+        let lights: Vec<Light> = lights.iter().map(local).collect();
         let prepared = far::prepare(&*method, geometry.clone(), &lights, control)?;
         let total = start.elapsed().as_secs_f64();
         let mut seconds = vec![
@@ -72,7 +82,6 @@ pub(super) fn prepare(
             ("structures", total - geometry_seconds),
         ];
         seconds.extend(prepared.seconds());
-        let lights = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         Ok(PyPrepared(Arc::new(Ready {
             geometry,
             lights,

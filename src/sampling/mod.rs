@@ -31,10 +31,13 @@ mod samples;
 mod shapes;
 mod shared;
 
+use std::f64::consts::PI;
+
 use fearless_simd::dispatch;
 use glam::{DVec3, Vec3};
 
-use crate::light::{Light, Shape};
+use crate::frame::POINT_OFFSET;
+use crate::light::{Disk, Light, Rect, Shape};
 use crate::simd::{LANES, Row, detect};
 pub use cells::{GRID, View, WHOLE, cell_place, grid_index};
 use fill::{fill_cap, fill_flat};
@@ -43,29 +46,8 @@ pub use samples::LightSamples;
 use shapes::{Cap, Flat};
 pub use shared::SharedPoint;
 
-/// How far a light point is moved off the light, times the largest of its coordinates and 1 (local
-/// units): four `f32` ulps, more than the rounding of its coordinates.
-pub const POINT_OFFSET: f64 = 4.0 / (1 << 23) as f64;
-
-/// By how much a local flat light is moved off itself to its emitting side; what lies nearer to its plane, such as the
-/// ceiling that it is set into, hides none of it, in any method.
-pub fn lift(light: &Light) -> DVec3 {
-    let (low, high) = light.bounds();
-    let size = low.abs().max(high.abs()).max_element().max(1.0);
-    light.normal().unwrap_or_default() * (POINT_OFFSET * size)
-}
-
-/// A local light, moved so.
-pub fn lifted(light: &Light) -> Light {
-    let by = lift(light);
-    let mut out = *light;
-    match &mut out.shape {
-        Shape::Rect { center, .. } | Shape::Disk { center, .. } | Shape::Sphere { center, .. } => {
-            *center += by;
-        }
-    }
-    out
-}
+/// Most samples a receiver.
+pub const MOST_SAMPLES: u32 = 1 << 16;
 
 /// Below this cosine of its half-angle a sphere's cap is too wide for a grid in its tangent plane.
 const WIDEST_CAP: f64 = 0.17;
@@ -83,34 +65,21 @@ pub struct Sampler {
 impl Sampler {
     /// Samples `light`; `fixed`: the same points for all receivers.
     pub fn new(light: Light, pattern: Pattern, fixed: bool) -> Self {
+        let center = light.center() + light.lift();
         let flat = light.normal().map(|normal| {
-            let center = light.center() + lift(&light);
-            match light.shape {
-                Shape::Disk { radius, .. } => {
-                    let e1 = normal.any_orthonormal_vector();
-                    let (u, v) = (e1 * radius, normal.cross(e1) * radius);
-                    let area = std::f64::consts::PI * radius * radius;
-                    Flat {
-                        center,
-                        u,
-                        v,
-                        normal,
-                        area,
-                        disk: true,
-                    }
-                }
-                Shape::Rect { u, v, .. } => {
-                    let area = u.cross(v).length();
-                    Flat {
-                        center,
-                        u: 0.5 * u,
-                        v: 0.5 * v,
-                        normal,
-                        area,
-                        disk: false,
-                    }
-                }
-                Shape::Sphere { .. } => unreachable!("a sphere has no normal"),
+            let (u, v, disk) = light.half_axes(normal);
+            let area = match light.shape {
+                Shape::Rect(Rect { u, v, .. }) => u.cross(v).length(),
+                Shape::Disk(Disk { radius, .. }) => PI * radius * radius,
+                Shape::Sphere(_) => 0.0,
+            };
+            Flat {
+                center,
+                u,
+                v,
+                normal,
+                area,
+                disk,
             }
         });
         Sampler {

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::light::{Light, Shape};
+use crate::light::{Light, Shape, Sphere};
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Flat {
@@ -30,8 +30,9 @@ pub(super) struct Cap {
 
 impl Cap {
     pub(super) fn new(light: &Light, p: DVec3) -> Option<Cap> {
-        let Shape::Sphere { center, radius } = light.shape else {
-            return None;
+        let Sphere { center, radius } = match light.shape {
+            Shape::Sphere(sphere) => sphere,
+            Shape::Rect(_) | Shape::Disk(_) => return None,
         };
         let d = center - p;
         let distance = d.length();

@@ -11,8 +11,10 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use glam::DVec3;
 
 use super::fill::coordinates;
-use super::{LightSamples, POINT_OFFSET, Sampler};
+use super::{LightSamples, Sampler};
+use crate::frame::POINT_OFFSET;
 use crate::light::Shape;
+use crate::light::Sphere;
 use crate::simd::LANES;
 
 /// A light point in local coordinates.
@@ -29,18 +31,27 @@ pub struct SharedPoint {
 impl Sampler {
     /// The light points that receivers in the convex hull of `corners` share, in the pattern's order.
     pub fn shared(&self, corners: &[DVec3]) -> Vec<SharedPoint> {
-        let Shape::Sphere { center, radius } = self.light.shape else {
-            let mut samples = LightSamples::default();
-            self.fill(0, corners[0], DVec3::ZERO, &mut samples);
-            let flat = self.flat.as_ref();
-            let (normal, area) = flat.map_or((DVec3::ZERO, 0.0), |f| (f.normal, f.area));
-            let point = |i: usize| SharedPoint {
-                position: samples.point(i).as_dvec3(),
-                normal,
-                area,
-            };
-            return (0..self.len()).map(point).collect();
+        match self.light.shape {
+            Shape::Rect(_) | Shape::Disk(_) => self.shared_flat(corners[0]),
+            Shape::Sphere(sphere) => self.shared_on(sphere, corners),
+        }
+    }
+
+    fn shared_flat(&self, receiver: DVec3) -> Vec<SharedPoint> {
+        let mut samples = LightSamples::default();
+        self.fill(0, receiver, DVec3::ZERO, &mut samples);
+        let flat = self.flat.as_ref();
+        let (normal, area) = flat.map_or((DVec3::ZERO, 0.0), |f| (f.normal, f.area));
+        let point = |i: usize| SharedPoint {
+            position: samples.point(i).as_dvec3(),
+            normal,
+            area,
         };
+        (0..self.len()).map(point).collect()
+    }
+
+    fn shared_on(&self, sphere: Sphere, corners: &[DVec3]) -> Vec<SharedPoint> {
+        let Sphere { center, radius } = sphere;
         if radius == 0.0 {
             let point = SharedPoint {
                 position: center,

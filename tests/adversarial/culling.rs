@@ -4,15 +4,15 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use glam::DVec3;
-use softshadow::geometry::Geometry;
+use softshadow::geometry::entry::Material;
 use softshadow::light::Light;
 use softshadow::receivers::Receivers;
-use softshadow::scene::Material;
+use softshadow::scene::snapshot::Snapshot;
 
 use crate::{OPAQUE, Random, bits, scene, shade, vec};
 
 /// Receivers whose answer culling changes, and those in a penumbra.
-fn culling(geometry: &Arc<Geometry>, light: Light, at: &Receivers, n: i64) -> (usize, usize) {
+fn culling(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32) -> (usize, usize) {
     let [with, without] = [true, false].map(|cull| {
         let out = shade(geometry, light, at, n, cull);
         let penumbra = out.visibility.iter().filter(|v| **v > 0.0 && **v < 1.0);

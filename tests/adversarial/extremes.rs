@@ -4,12 +4,14 @@ use glam::{DMat3, DVec3};
 use proptest::prelude::*;
 use softshadow::camera::Camera;
 use softshadow::control::Control;
-use softshadow::light::{Light, Shape};
-use softshadow::methods::Method;
+use softshadow::geometry::entry::Material;
+use softshadow::light::{Light, Shape, Sphere};
+use softshadow::method::Method;
 use softshadow::methods::hard::Hard;
-use softshadow::receivers::{Receivers, from_camera};
+use softshadow::receivers::Receivers;
+use softshadow::receivers::visible::from_camera;
 use softshadow::sampling::{GRID, LightSamples, Pattern, Sampler};
-use softshadow::scene::{Material, Scene};
+use softshadow::scene::Scene;
 
 use crate::{NO_CASTER, OPAQUE, bits, scene, shade, vec};
 
@@ -61,7 +63,13 @@ fn answers_are_finite_for_lights_and_receivers_at_any_distance_within_a_million(
                             "{case}: {b:?}"
                         );
                         let control = Control::default();
-                        let hard = Hard.prepare(geometry.clone(), &[light], &control).unwrap();
+                        let hard = Hard
+                            .prepare(
+                                geometry.clone(),
+                                &[light.to_local(&geometry.frame)],
+                                &control,
+                            )
+                            .unwrap();
                         let hard = hard.shade(&at, 0, &control).unwrap().visibility;
                         assert!(hard.iter().all(|v| (0.0..=1.0).contains(v)), "{case}");
                     }
@@ -112,7 +120,7 @@ fn scenes_of_any_scale_without_casters_and_with_one_triangle_work() {
             let corners = corners.map(|c| scale * c).to_vec();
             one.add_mesh("one", corners, &[[0, 1, 2]], material)
                 .unwrap();
-            let geometry = one.geometry().unwrap();
+            let geometry = one.snapshot().unwrap();
             let k = [8.0, 0.0, 0.0, 0.0, 8.0, 0.0, 4.0, 4.0, 1.0];
             let pose = DMat3::from_diagonal(vec(1.0, -1.0, -1.0));
             let eye = scale * vec(0.25, 0.25, 1.0);
@@ -137,7 +145,7 @@ fn bad_input_is_an_error_and_not_a_panic() {
     let bounds = [DVec3::splat(1e308), DVec3::splat(-1e308)];
     huge.add_spheres("s", &bounds, &[1e308, 1e308], OPAQUE)
         .unwrap();
-    assert!(huge.geometry().is_err());
+    assert!(huge.snapshot().is_err());
 }
 
 proptest! {
@@ -165,7 +173,7 @@ proptest! {
         for i in 0..out.count {
             let q = out.point(i).as_dvec3();
             prop_assert!(q.cmpge(low - slack).all() && q.cmple(high + slack).all(), "{q}");
-            if let Shape::Sphere { radius, .. } = light.shape {
+            if let Shape::Sphere(Sphere { radius, .. }) = light.shape {
                 let inside = p.distance(c) <= radius;
                 prop_assert!(inside || (q.distance(c) - radius).abs() < 1e-4 * (1.0 + radius), "{q}");
             }

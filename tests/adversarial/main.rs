@@ -10,12 +10,13 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use softshadow::control::Control;
-use softshadow::geometry::Geometry;
+use softshadow::geometry::entry::Material;
 use softshadow::light::Light;
+use softshadow::method::{Method, Shading};
 use softshadow::methods::ray_traced::RayTraced;
-use softshadow::methods::{Method, Shading};
 use softshadow::receivers::Receivers;
-use softshadow::scene::{Material, Scene};
+use softshadow::scene::Scene;
+use softshadow::scene::snapshot::Snapshot;
 
 const OPAQUE: Material = Material {
     albedo: [0.8; 3],
@@ -69,7 +70,7 @@ impl Random {
 type Part<'a> = (&'a [DVec3], &'a [[i64; 3]], Material);
 
 /// A scene with these meshes, and one that casts nothing and fixes the scale.
-fn scene(meshes: &[Part], size: f64) -> Arc<Geometry> {
+fn scene(meshes: &[Part], size: f64) -> Arc<Snapshot> {
     let mut scene = Scene::default();
     for (i, (vertices, faces, material)) in meshes.iter().enumerate() {
         let (name, vertices) = (format!("mesh {i}"), vertices.to_vec());
@@ -83,14 +84,23 @@ fn scene(meshes: &[Part], size: f64) -> Arc<Geometry> {
     scene
         .add_mesh("frame", frame, &[[0, 1, 2]], NO_CASTER)
         .unwrap();
-    scene.geometry().unwrap()
+    scene.snapshot().unwrap()
 }
 
-fn shade(geometry: &Arc<Geometry>, light: Light, at: &Receivers, n: i64, cull: bool) -> Shading {
+fn shade(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32, cull: bool) -> Shading {
     let control = Control::default();
-    let method = RayTraced::new(n, 3, false, cull).unwrap();
+    let method = RayTraced {
+        samples: n,
+        seed: 3,
+        fixed: false,
+        cull,
+    };
     let prepared = method
-        .prepare(geometry.clone(), &[light], &control)
+        .prepare(
+            geometry.clone(),
+            &[light.to_local(&geometry.frame)],
+            &control,
+        )
         .unwrap();
     prepared.shade(at, 0, &control).unwrap()
 }

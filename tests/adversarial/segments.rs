@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use robust::{Coord3D, orient3d};
 use softshadow::bvh::packet::Packet;
-use softshadow::geometry::Geometry;
+use softshadow::scene::snapshot::Snapshot;
 
 use crate::{OPAQUE, Random, scene, vec};
 
@@ -41,7 +41,7 @@ fn exact([a, b, c]: [Vec3; 3], from: Vec3, to: Vec3) -> Meets {
     }
 }
 
-fn blocked(geometry: &Geometry, segments: &[(Vec3, Vec3)]) -> Vec<bool> {
+fn blocked(geometry: &Snapshot, segments: &[(Vec3, Vec3)]) -> Vec<bool> {
     let (mut packet, mut out) = (Packet::default(), [0.0; 16]);
     for (lane, (from, to)) in segments.iter().enumerate() {
         packet.set(lane, *from, *to);

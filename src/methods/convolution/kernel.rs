@@ -6,8 +6,8 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::light::{Light, Shape};
-use crate::methods::accumulation::occluders::Side;
+use crate::light::Light;
+use crate::textures::occluders::Side;
 
 /// Light points along a side of the grid that stands for the light, per texel of its image.
 const POINTS: f64 = 1.0;
@@ -33,17 +33,7 @@ impl Spread {
     pub fn new(light: &Light, side: &Side, eye: DVec3) -> Self {
         let middle = side.bounds.at(0.5, 0.5);
         let along = (middle - eye).normalize_or_zero();
-        let (a, b, disk) = match light.shape {
-            Shape::Rect { u, v, .. } => (0.5 * u, 0.5 * v, false),
-            Shape::Disk { normal, radius, .. } => {
-                let e = normal.any_orthonormal_vector();
-                (e * radius, normal.cross(e) * radius, true)
-            }
-            Shape::Sphere { radius, .. } => {
-                let e = along.any_orthonormal_vector();
-                (e * radius, along.cross(e) * radius, true)
-            }
-        };
+        let (a, b, disk) = light.half_axes(along);
         let dual = side.bounds.dual();
         let fall = side.normal.dot(along).min(-LEAST_COSINE);
         let place = |d: DVec3| {
@@ -105,7 +95,7 @@ impl Spread {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::methods::accumulation::patches::Parallelogram;
+    use crate::textures::patches::Parallelogram;
 
     fn spread(light: &Light) -> Spread {
         let bounds = Parallelogram {
@@ -130,7 +120,7 @@ mod tests {
             let spread = spread(light);
             let half = spread.half();
             // In parts of edges of 2 and 1.
-            let rect = matches!(light.shape, Shape::Rect { .. });
+            let rect = !light.half_axes(DVec3::Z).2;
             let expected = if rect {
                 DVec2::new(0.1, 0.1)
             } else {

@@ -16,10 +16,10 @@ use super::fourier::Transform;
 use super::kernel::Spread;
 use crate::control::Control;
 use crate::error::Result;
-use crate::methods::accumulation::occluders::{Occluders, Side};
-use crate::methods::accumulation::patches::Parallelogram;
-use crate::methods::accumulation::transform::camera;
 use crate::raster::{SPAN, Sink, Tile, rasterize_projected};
+use crate::textures::occluders::{Occluders, Side};
+use crate::textures::patches::Parallelogram;
+use crate::textures::transform::camera;
 
 /// Below this many texels times weights, or four a texel of the window, a sum is as fast as a transform.
 const DIRECT: usize = 1 << 14;

@@ -27,23 +27,22 @@ pub mod fourier;
 pub mod kernel;
 pub mod layers;
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
-use super::accumulation::atlas::{Atlas, Key, Layout};
-use super::accumulation::lookup::Contacts;
-use super::accumulation::occluders::{Gatherer, Pyramid, Side};
-use super::accumulation::patches::Parallelogram;
-use super::accumulation::pictures::{Painter, Pictures};
-use super::accumulation::texture::Texture;
-use super::wedges::contour::Casters;
-use super::{Method, Prepared};
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Geometry;
-use crate::light::{Light, Shape};
-use crate::sampling::lifted;
+use crate::light::Light;
+use crate::method::{Method, Prepared};
+use crate::textures::atlas::{Atlas, Key, Layout};
+use crate::textures::lookup::Contacts;
+use crate::textures::occluders::{Gatherer, Pyramid, Side};
+use crate::textures::patches::Parallelogram;
+use crate::textures::pictures::{Painter, Pictures};
+use crate::textures::texture::Texture;
 use kernel::Spread;
 use layers::{HardShadow, Range, Window};
 
@@ -105,7 +104,7 @@ impl Method for Convolution {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -127,7 +126,7 @@ impl Painter for Convolution {
     ) -> Result<Contacts> {
         let side = atlas.side(key);
         // What lies in a flat light's plane is behind it.
-        let light = &lifted(&atlas.lights[key.light as usize]);
+        let light = &atlas.lights[key.light as usize].lifted();
         let occluders = atlas.occluders(key, &side, gatherer);
         let mut hidden = Vec::new();
         let eye = eye(light, &side);
@@ -209,17 +208,7 @@ fn eye(light: &Light, side: &Side) -> Option<DVec3> {
     if height(center) > 0.0 {
         return Some(center);
     }
-    let highest = match light.shape {
-        Shape::Rect { u, v, .. } => {
-            let along = |e: DVec3| e * (0.5 * side.normal.dot(e).signum());
-            center + along(u) + along(v)
-        }
-        Shape::Disk { normal, radius, .. } => {
-            let up = side.normal - normal * side.normal.dot(normal);
-            center + up.normalize_or_zero() * radius
-        }
-        Shape::Sphere { radius, .. } => center + side.normal * radius,
-    };
+    let highest = light.farthest(side.normal);
     let (low, high) = (height(center), height(highest));
     // Halfway between the plane and the highest point.
     (high > 0.0).then(|| center + (highest - center) * ((0.5 * high - low) / (high - low)))

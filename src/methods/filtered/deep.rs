@@ -9,20 +9,20 @@
 //! Assumptions and failures: those of [`super::pcf`]; self-shadowing of fur is soft and plausible, shadows
 //! on what is behind it are too wide. What lies behind the first opaque surface of a texel is not kept.
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use super::pcf::each_place;
-use super::region::{Region, Scratch, Texel};
 use super::{Estimate, Hide, PreparedFilter, Settings};
+use crate::casters::Casters;
 use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::geometry::Geometry;
+use crate::error::{Result, in_range};
+use crate::far::REACH;
 use crate::light::Light;
-use crate::methods::far::REACH;
-use crate::methods::layered::compress::Compression;
-use crate::methods::layered::construction::Layers;
-use crate::methods::wedges::contour::Casters;
-use crate::methods::{Method, Prepared};
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::Layers;
+use crate::maps::region::{Region, Scratch, Texel};
+use crate::method::{Method, Prepared};
 
 /// Visibility that counts as none: half an 8-bit step, which nothing shows.
 const NOTHING: f32 = 1.0 / 512.0;
@@ -33,23 +33,18 @@ pub struct DeepShadow {
     /// What it shares with percentage-closer soft shadows.
     pub settings: Settings,
     /// Largest error that compressing a texel's visibility may make.
-    pub error: f32,
+    pub error: f64,
 }
 
 impl DeepShadow {
-    /// Checks and stores the parameters.
+    /// Checks the parameters.
     ///
     /// # Errors
-    /// An error outside 0 to 1.
-    pub fn new(settings: Settings, error: f64) -> Result<Self> {
-        if !(0.0..=1.0).contains(&error) {
-            let reason = format!("error must be 0 to 1, got {error}");
-            return Err(Error::parameter("DeepShadow", reason));
-        }
-        Ok(DeepShadow {
-            settings,
-            error: error as f32,
-        })
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        self.settings.check("DeepShadow")?;
+        in_range("DeepShadow", "error", self.error, 0.0..=1.0)?;
+        Ok(self)
     }
 }
 
@@ -64,16 +59,16 @@ impl Method for DeepShadow {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         let casters = Casters::new(self.name(), geometry, true)?;
         let layers = Layers {
-            count: self.settings.layers,
-            of: self.settings.layers,
+            count: self.settings.layers as usize,
+            of: self.settings.layers as usize,
             compression: Compression {
-                error: self.error,
+                error: self.error as f32,
                 threshold: NOTHING,
                 resets: 0,
             },

@@ -2,37 +2,33 @@
 //!
 //! - [`pcf`]: percentage-closer soft shadows on one or several layers of depth, the *Antz* method;
 //! - [`deep`]: the same filter on deep shadow maps, for fur and what is translucent;
-//! - [`region`]: what both look at: the part of a map that can hide the light from a receiver.
+//! - [`crate::maps::region`]: what both look at: the part of a map that can hide the light from a receiver.
 //!
 //! Neither follows a ray. All that is found in the filter's region and lies between receiver and light counts
 //! as if it were at one depth, which is where their errors come from, and why these grow with the light.
 
 pub mod deep;
 pub mod pcf;
-pub mod region;
 
 use std::time::Instant;
 
 use glam::DVec3;
 
-use super::layered::construction::{Layers, layer_map};
-use super::layered::map::LayerMap;
-use super::layered::views::light_views;
-use super::views::most_central;
-use super::wedges::contour::Casters;
-use super::{Prepared, Shading};
+use crate::casters::Casters;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, in_range};
 use crate::light::Light;
+use crate::maps::RESOLUTIONS;
+use crate::maps::layers::MOST_LAYERS;
+use crate::maps::layers::construction::{Layers, layer_map};
+use crate::maps::layers::map::LayerMap;
+use crate::maps::layers::views::light_views;
+use crate::maps::region::{Region, Scratch, Source};
+use crate::maps::views::most_central;
+use crate::method::{Prepared, Shading};
 use crate::receivers::Receivers;
+use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{Pattern, Sampler};
-use region::{Region, Scratch, Source};
-
-/// Most light samples a receiver.
-pub const MOST_SAMPLES: i64 = 65536;
-
-/// Most layers of a map.
-pub const MOST_LAYERS: i64 = 64;
 
 /// Which depth stands for all blockers in a filter's region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,9 +46,9 @@ pub struct Settings {
     /// Texels on the longer side of a map.
     pub resolution: u32,
     /// Layers of a texel.
-    pub layers: usize,
+    pub layers: u32,
     /// Light samples a receiver.
-    pub samples: usize,
+    pub samples: u32,
     /// Of the light samples.
     pub seed: u64,
     /// Which depth stands for all blockers.
@@ -66,37 +62,12 @@ impl Settings {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// A resolution outside 16 to 16384, layers, samples or a bias out of their ranges.
-    pub fn new(
-        method: &'static str,
-        [resolution, layers, samples]: [i64; 3],
-        seed: u64,
-        estimate: Estimate,
-        bias: Option<f64>,
-    ) -> Result<Self> {
-        let ranges = [
-            ("resolution", resolution, 16, 16384),
-            ("layers", layers, 1, MOST_LAYERS),
-            ("samples", samples, 1, MOST_SAMPLES),
-        ];
-        for (name, value, least, most) in ranges {
-            if !(least..=most).contains(&value) {
-                let reason = format!("{name} must be {least} to {most}, got {value}");
-                return Err(Error::parameter(method, reason));
-            }
-        }
-        if let Some(bias) = bias.filter(|b| !(b.is_finite() && *b >= 0.0)) {
-            let reason = format!("bias must be a finite number of at least 0, got {bias}");
-            return Err(Error::parameter(method, reason));
-        }
-        Ok(Settings {
-            resolution: resolution as u32,
-            layers: layers as usize,
-            samples: samples as usize,
-            seed,
-            estimate,
-            bias,
-        })
+    /// What is out of its range.
+    fn check(&self, method: &str) -> Result<()> {
+        in_range(method, "resolution", self.resolution, RESOLUTIONS)?;
+        in_range(method, "layers", self.layers, 1..=MOST_LAYERS)?;
+        in_range(method, "samples", self.samples, 1..=MOST_SAMPLES)?;
+        in_range(method, "bias", self.bias.unwrap_or(0.0), 0.0..=f64::MAX)
     }
 }
 
@@ -112,7 +83,7 @@ struct PreparedFilter {
 }
 
 impl PreparedFilter {
-    /// Draws the maps of world lights.
+    /// Draws the lights' maps.
     fn new(
         casters: &Casters,
         lights: &[Light],
@@ -121,11 +92,10 @@ impl PreparedFilter {
         (stage, hide): (&'static str, Hide),
         control: &Control,
     ) -> Result<Self> {
-        let frame = &casters.geometry().frame;
         let start = Instant::now();
-        let maps = lights.iter().map(|light| {
-            LightMaps::new(&light.to_local(frame), casters, settings, layers, control)
-        });
+        let maps = lights
+            .iter()
+            .map(|light| LightMaps::new(light, casters, settings, layers, control));
         Ok(PreparedFilter {
             maps: maps.collect::<Result<_>>()?,
             hide,
@@ -183,7 +153,7 @@ impl LightMaps {
             }
             groups.push(maps);
         }
-        let pattern = Pattern::new(settings.samples, settings.seed);
+        let pattern = Pattern::new(settings.samples as usize, settings.seed);
         Ok(LightMaps {
             light: *light,
             sampler: Sampler::new(*light, pattern, false),

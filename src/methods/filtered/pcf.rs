@@ -14,19 +14,19 @@
 //! light through. All grow with the light. Blockers that no sample of the first pass hits are missed.
 //! Transparent occluders cannot be modelled: [`super::deep`] does.
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
-use super::region::{Region, Scratch, Texel};
 use super::{Estimate, Hide, MOST_LAYERS, PreparedFilter, Settings};
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::Result;
-use crate::geometry::Geometry;
+use crate::far::REACH;
 use crate::light::Light;
-use crate::methods::far::REACH;
-use crate::methods::layered::compress::Compression;
-use crate::methods::layered::construction::Layers;
-use crate::methods::wedges::contour::Casters;
-use crate::methods::{Method, Prepared};
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::Layers;
+use crate::maps::region::{Region, Scratch, Texel};
+use crate::method::{Method, Prepared};
 use crate::simd::LANES;
 
 /// Percentage-closer soft shadows.
@@ -36,6 +36,17 @@ pub struct Pcf {
     pub settings: Settings,
     /// Whether transparent meshes count as opaque.
     pub opaque: bool,
+}
+
+impl Pcf {
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        self.settings.check("Pcf")?;
+        Ok(self)
+    }
 }
 
 impl Method for Pcf {
@@ -49,14 +60,14 @@ impl Method for Pcf {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let layers = Layers {
-            count: self.settings.layers,
-            of: self.settings.layers,
+            count: self.settings.layers as usize,
+            of: self.settings.layers as usize,
             // Not used: all layers are opaque.
             compression: Compression {
                 error: 0.0,

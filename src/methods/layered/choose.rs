@@ -8,13 +8,13 @@
 //!
 //! A single bound serves all of a light's views: that of the view with the most layers.
 
-use super::compress::Compression;
-use super::construction::{Layers, layer_map};
-use super::views::light_views;
+use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::Result;
 use crate::light::Light;
-use crate::methods::wedges::contour::Casters;
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::{Layers, layer_map};
+use crate::maps::layers::views::light_views;
 
 /// Texels a triangle, of those in front and behind together: measured on dense scenes, more of them cost
 /// time and gain a tenth of the error.

@@ -1,21 +1,21 @@
 //! A map that a user gives as arrays, checked and made into what is traced.
 //!
 //! Depths are a texel's own, along the view's axis, in `f64`: the inverse of an inverse depth in `f32` and back is
-//! the same `f32`. With the local frame and the slopes that a map of [`super::construction`] came with, its arrays
+//! the same `f32`. With the local frame and the slopes that a map of [`crate::maps::layers::construction`] came with, its arrays
 //! become the same map to the last bit. Without slopes, pieces face the view; without a frame, one is put around
 //! the light and the map.
 
 use glam::DVec3;
 
-use super::construction::check_memory;
-use super::map::{LayerMap, Level, Medium, Piece};
-use super::quadtree::add_levels;
-use super::views::LayerView;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Frame;
-use crate::light::{Light, Shape};
+use crate::frame::Frame;
+use crate::light::Light;
+use crate::maps::layers::construction::check_memory;
+use crate::maps::layers::map::{LayerMap, Level, Medium, Piece};
+use crate::maps::layers::quadtree::add_levels;
+use crate::maps::layers::views::LayerView;
 
 /// Most layers of a texel, as of maps that are drawn.
 pub const MOST_LAYERS: usize = 64;
@@ -151,11 +151,7 @@ impl Given {
             return bad("it must have one focal length and no skew");
         }
         let axis = camera.rotation.row(2);
-        let reach = match light.shape {
-            Shape::Rect { u, v, .. } => 0.5 * (axis.dot(u).abs() + axis.dot(v).abs()),
-            Shape::Disk { normal, radius, .. } => radius * axis.cross(normal).length(),
-            Shape::Sphere { radius, .. } => radius,
-        };
+        let reach = light.reach(axis);
         let nearest = axis.dot(light.center() - camera.eye) - reach;
         if nearest.is_nan() || nearest <= 0.0 {
             return bad(

@@ -1,12 +1,9 @@
 //! Soft shadows by ray tracing multilayer transparent shadow maps (Xie, Tabellion and Pearce 2007).
 //!
 //! The scene is drawn from behind the light into a map with several layers a texel; segments from a receiver
-//! to points of the light are traced through the map instead of the scene. In the order in which they work:
-//! - [`views`]: where a map is drawn from, behind the light, or the faces of a cube;
-//! - [`construction`]: the rasteriser's sinks; [`compress`]: from all crossings of a transparent texel to layers;
+//! to points of the light are traced through the map instead of the scene. The map is [`crate::maps::layers`]; here:
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
-//! - [`map`]: what is stored; [`quadtree`]: least and largest depths ([`quad`]); [`coarser`]: coarser maps;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
@@ -17,40 +14,36 @@
 //! mean only; contact shadows begin half a texel away.
 
 pub mod choose;
-pub mod coarser;
-pub mod compress;
-pub mod construction;
 pub mod given;
-pub mod map;
 pub mod masks;
-pub mod quad;
-pub mod quadtree;
 pub mod tracing;
-pub mod views;
 
+use crate::maps::RESOLUTIONS;
+use crate::maps::layers::MOST_LAYERS;
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::far::REACH;
-use super::views::most_central;
-use super::wedges::contour::Casters;
-use super::{Method, Prepared, Shading};
+use crate::casters::Casters;
 use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::geometry::{Frame, Geometry};
+use crate::error::{Result, in_range};
+use crate::far::REACH;
+use crate::frame::Frame;
 use crate::light::{Light, Shape};
-use crate::methods::ray_traced::MOST_SAMPLES;
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::{Layers, layer_map};
+use crate::maps::layers::map::LayerMap;
+use crate::maps::layers::views::light_views;
+use crate::maps::views::most_central;
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
+use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{LightSamples, Pattern, Sampler};
-use compress::Compression;
-use construction::{Layers, layer_map};
 use given::Given;
-use map::LayerMap;
 use masks::{Axis, BLOCK, Mask, spread};
 use tracing::{Pencil, Seen, Stack, Tracing, trace};
-use views::light_views;
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.
@@ -87,15 +80,18 @@ impl Kind {
     }
 }
 
+/// Most times that visibility may start again.
+const MOST_RESETS: u32 = 64;
+
 /// What layered maps are built and traced with; lengths in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Texels on the longer side of a map; from the number of triangles if not given.
-    pub resolution: Option<i64>,
+    pub resolution: Option<u32>,
     /// Layers of a texel; from the scene's depth complexity if not given.
-    pub layers: Option<i64>,
+    pub layers: Option<u32>,
     /// Light samples a receiver.
-    pub samples: i64,
+    pub samples: u32,
     /// Seed of the light samples.
     pub seed: u64,
     /// Thickness of surfaces to either side; from texel size and slope if not given.
@@ -109,7 +105,7 @@ pub struct Settings {
     /// Visibility that counts as none.
     pub threshold: f64,
     /// How often visibility starts again behind what is opaque.
-    pub resets: i64,
+    pub resets: u32,
     /// The paper's equation 3 as printed.
     pub subtract: bool,
     /// Whether transparent meshes count as opaque.
@@ -130,35 +126,30 @@ impl Layered {
     /// One out of its range.
     pub fn new(kind: Kind, settings: Settings) -> Result<Self> {
         let what = kind.class();
-        let integers = [
-            ("resolution", settings.resolution.unwrap_or(16), 16, 16384),
-            ("layers", settings.layers.unwrap_or(1), 1, 64),
-            ("samples", settings.samples, 1, MOST_SAMPLES as i64),
-            ("resets", settings.resets, 0, 64),
-        ];
-        for (name, value, low, high) in integers {
-            if !(low..=high).contains(&value) {
-                let reason = format!("{name} must be {low} to {high}, got {value}");
-                return Err(Error::parameter(what, reason));
-            }
-        }
-        let floats = [
-            ("z_threshold", settings.z_threshold.unwrap_or(0.0), f64::MAX),
-            ("bias", settings.bias, f64::MAX),
-            ("error", settings.error, 1.0),
-            ("threshold", settings.threshold, 1.0),
-        ];
-        for (name, value, high) in floats {
-            if !(0.0..=high).contains(&value) {
-                let most = if high == 1.0 { " and at most 1" } else { "" };
-                let reason = format!("{name} must be at least 0{most}, got {value}");
-                return Err(Error::parameter(what, reason));
-            }
-        }
-        if !(1.0..=65536.0).contains(&settings.detail) {
-            let reason = format!("detail must be 1 to 65536, got {}", settings.detail);
-            return Err(Error::parameter(what, reason));
-        }
+        in_range(
+            what,
+            "resolution",
+            settings.resolution.unwrap_or(16),
+            RESOLUTIONS,
+        )?;
+        in_range(
+            what,
+            "layers",
+            settings.layers.unwrap_or(1),
+            1..=MOST_LAYERS,
+        )?;
+        in_range(what, "samples", settings.samples, 1..=MOST_SAMPLES)?;
+        in_range(what, "resets", settings.resets, 0..=MOST_RESETS)?;
+        in_range(
+            what,
+            "z_threshold",
+            settings.z_threshold.unwrap_or(0.0),
+            0.0..=f64::MAX,
+        )?;
+        in_range(what, "bias", settings.bias, 0.0..=f64::MAX)?;
+        in_range(what, "error", settings.error, 0.0..=1.0)?;
+        in_range(what, "threshold", settings.threshold, 0.0..=1.0)?;
+        in_range(what, "detail", settings.detail, 1.0..=65536.0)?;
         Ok(Layered { kind, settings })
     }
 
@@ -180,7 +171,7 @@ impl Layered {
         let settings = &self.settings;
         let resolution = settings
             .resolution
-            .map_or_else(|| choose::resolution(casters), |r| r as u32);
+            .unwrap_or_else(|| choose::resolution(casters));
         let count = match (self.kind, settings.layers) {
             (Kind::Single, _) => 1,
             (_, Some(layers)) => layers as usize,
@@ -317,7 +308,7 @@ impl Method for Layered {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -326,9 +317,8 @@ impl Method for Layered {
         let start = Instant::now();
         let mut found = Vec::with_capacity(lights.len());
         for light in lights {
-            let light = light.to_local(&frame);
-            let groups = self.maps(&casters, &light, control)?;
-            found.push(LightMaps::new(self.sampler(light), groups));
+            let groups = self.maps(&casters, light, control)?;
+            found.push(LightMaps::new(self.sampler(*light), groups));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
@@ -407,8 +397,9 @@ impl LightMaps {
     /// are others for every receiver, and most receivers are lit.
     fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
         let center = self.light.center();
-        let Shape::Sphere { radius, .. } = self.light.shape else {
-            return true;
+        let radius = match self.light.shape {
+            Shape::Sphere(sphere) => sphere.radius,
+            Shape::Rect(_) | Shape::Disk(_) => return true,
         };
         if (p - center).length() <= radius {
             return true;

@@ -28,9 +28,9 @@
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{BVec4A, DVec3, Vec4};
 
-use super::map::{Block, LayerMap, Level};
 use super::masks::{Axis, BINS, Mask};
-use super::quad::Quad;
+use crate::maps::layers::map::{Block, LayerMap, Level};
+use crate::maps::layers::quad::Quad;
 use crate::simd::{LANES, Lanes, Row, detect, join, prefetch, swap_fours};
 
 /// Relative rounding of the receiver's and the pieces' coordinates: some ulps of an `f32`.

@@ -14,31 +14,34 @@
 
 pub mod trace;
 
+use crate::sampling::MOST_SAMPLES;
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
-use super::far::REACH;
-use super::filtered::region::{Region, Source};
-use super::layered::compress::Compression;
-use super::layered::construction::{Layers, layer_map};
-use super::layered::map::LayerMap;
-use super::layered::views::light_views;
-use super::wedges::contour::Casters;
-use super::wedges::is_point;
-use super::{Method, Prepared, Shading};
+use crate::casters::Casters;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::{Result, in_range};
+use crate::far::REACH;
+use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
-use crate::light::{Light, Shape};
+use crate::light::Light;
+use crate::maps::RESOLUTIONS;
+use crate::maps::layers::compress::Compression;
+use crate::maps::layers::construction::{Layers, layer_map};
+use crate::maps::layers::map::LayerMap;
+use crate::maps::layers::views::light_views;
+use crate::maps::region::{Region, Source};
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
-use crate::sampling::{LightSamples, POINT_OFFSET, Pattern, Sampler};
+use crate::sampling::{LightSamples, Pattern, Sampler};
 use crate::simd::LANES;
 use trace::{Blocker, Parts, Tracer};
 
 /// Most views: the centre, corners, and the middles between them.
-pub const MOST_VIEWS: i64 = 9;
+pub const MOST_VIEWS: u32 = 9;
 
 /// Widths of a texel that a wall closes. Floors are pieces of planes, so only folds and curves need walls: from 0
 /// to 4 the errors are the same to a hundredth, and more close the gaps between leaves.
@@ -48,90 +51,50 @@ const GAP: f64 = 2.0;
 /// above it. Half of it doubles the errors of smooth bodies; twice as much loses contact shadows.
 const BIAS: f64 = 3.0;
 
-/// Multi-view shadow maps.
+/// Parameters of multi-view shadow maps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mvsm {
-    resolution: u32,
-    views: usize,
-    samples: usize,
-    seed: u64,
-    gap: Option<f64>,
-    bias: Option<f64>,
-    opaque: bool,
+    /// Texels on the longer side of a map.
+    pub resolution: u32,
+    /// Points of the light that maps are drawn from.
+    pub views: u32,
+    /// Light samples a receiver.
+    pub samples: u32,
+    /// Of the light samples.
+    pub seed: u64,
+    /// Largest difference of depth that a wall closes, world units.
+    pub gap: Option<f64>,
+    /// How far off a receiver its segments start, world units.
+    pub bias: Option<f64>,
+    /// Whether transparent meshes count as opaque.
+    pub opaque: bool,
 }
 
 impl Mvsm {
-    /// Checks and stores the parameters: texels on the longer side of a map, views, light samples a receiver and
-    /// their seed; the largest difference of depth that a wall closes and how far off a receiver its segments
-    /// start, world units; and whether transparent meshes count as opaque.
+    /// Checks the parameters.
     ///
     /// # Errors
-    /// A number out of its range.
-    pub fn new(
-        [resolution, views, samples]: [i64; 3],
-        seed: u64,
-        gap: Option<f64>,
-        bias: Option<f64>,
-        opaque: bool,
-    ) -> Result<Self> {
-        let method = "Mvsm";
-        let ranges = [
-            ("resolution", resolution, 16, 16384),
-            ("views", views, 1, MOST_VIEWS),
-            (
-                "samples",
-                samples,
-                1,
-                super::ray_traced::MOST_SAMPLES as i64,
-            ),
-        ];
-        for (name, value, least, most) in ranges {
-            if !(least..=most).contains(&value) {
-                let reason = format!("{name} must be {least} to {most}, got {value}");
-                return Err(Error::parameter(method, reason));
-            }
-        }
-        for (name, value) in [("gap", gap), ("bias", bias)] {
-            if let Some(value) = value.filter(|v| !(v.is_finite() && *v >= 0.0)) {
-                let reason = format!("{name} must be a finite number of at least 0, got {value}");
-                return Err(Error::parameter(method, reason));
-            }
-        }
-        Ok(Mvsm {
-            resolution: resolution as u32,
-            views: views as usize,
-            samples: samples as usize,
-            seed,
-            gap,
-            bias,
-            opaque,
-        })
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        in_range("Mvsm", "resolution", self.resolution, RESOLUTIONS)?;
+        in_range("Mvsm", "views", self.views, 1..=MOST_VIEWS)?;
+        in_range("Mvsm", "samples", self.samples, 1..=MOST_SAMPLES)?;
+        in_range("Mvsm", "gap", self.gap.unwrap_or(0.0), 0.0..=f64::MAX)?;
+        in_range("Mvsm", "bias", self.bias.unwrap_or(0.0), 0.0..=f64::MAX)?;
+        Ok(self)
     }
 }
 
 /// Points of a light that views are drawn from; one if it has no size.
 fn view_points(light: &Light, middle: DVec3, count: usize) -> Vec<DVec3> {
     let center = light.center();
-    if is_point(light) {
+    if light.is_point() {
         return vec![center];
     }
-    let (u, v, rim) = match light.shape {
-        Shape::Rect { u, v, .. } => (0.5 * u, 0.5 * v, 1.0),
-        Shape::Disk { normal, radius, .. } => {
-            let e = normal.any_orthonormal_vector();
-            (
-                radius * e,
-                radius * normal.cross(e),
-                std::f64::consts::SQRT_2,
-            )
-        }
-        // The outline that the scene sees, about.
-        Shape::Sphere { radius, .. } => {
-            let axis = (middle - center).try_normalize().unwrap_or(DVec3::Z);
-            let e = axis.any_orthonormal_vector();
-            (radius * e, radius * axis.cross(e), std::f64::consts::SQRT_2)
-        }
-    };
+    // Of a sphere the outline that the scene sees, about.
+    let axis = (middle - center).try_normalize().unwrap_or(DVec3::Z);
+    let (u, v, disk) = light.half_axes(axis);
+    let rim = if disk { std::f64::consts::SQRT_2 } else { 1.0 };
     let corners = [(-1.0, -1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)]
         .map(|(x, y)| center + (x * u + y * v) / rim);
     let sides = [-u, u, -v, v].map(|d| center + d);
@@ -195,11 +158,10 @@ impl Method for Mvsm {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
-        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let frame = geometry.frame;
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let layers = Layers {
@@ -214,23 +176,12 @@ impl Method for Mvsm {
             opaque: true,
         };
         let start = Instant::now();
-        let pattern = Pattern::new(self.samples, self.seed);
+        let pattern = Pattern::new(self.samples as usize, self.seed);
         let mut found = Vec::with_capacity(lights.len());
-        for light in &lights {
+        for light in lights {
             let (mut maps, mut groups) = (Vec::new(), Vec::new());
-            for point in view_points(light, DVec3::ZERO, self.views) {
-                let shape = match light.normal() {
-                    Some(normal) => Shape::Disk {
-                        center: point,
-                        normal,
-                        radius: 0.0,
-                    },
-                    None => Shape::Sphere {
-                        center: point,
-                        radius: 0.0,
-                    },
-                };
-                let eye = Light { shape, ..*light };
+            for point in view_points(light, DVec3::ZERO, self.views as usize) {
+                let eye = light.point_at(point);
                 let mut of_view = Vec::new();
                 for views in light_views(&eye, &casters, self.resolution)?.groups {
                     let first = maps.len();

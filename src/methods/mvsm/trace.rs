@@ -12,7 +12,7 @@
 
 use glam::{DVec3, Vec3, Vec4};
 
-use crate::methods::layered::map::{LayerMap, Piece};
+use crate::maps::layers::map::{LayerMap, Piece};
 
 /// Texels by which a hidden part is prolonged at both ends: what passes a surface just where another view
 /// loses sight of it is not lost between them.

@@ -12,6 +12,7 @@ use crate::bvh::TriangleBvh;
 use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
 use crate::geometry::Geometry;
 use crate::sampling::{GRID, Sampler, View};
+use crate::scene::snapshot::Snapshot;
 
 /// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
 /// light's own width.
@@ -55,7 +56,7 @@ impl Group {
     /// Finds the edges for receivers whose rays start at `origins`.
     pub(super) fn collect(
         &mut self,
-        geometry: &Geometry,
+        geometry: &Snapshot,
         sampler: &Sampler,
         origins: &[Vec3],
     ) -> Found {

@@ -24,26 +24,24 @@ mod grid;
 mod group;
 mod project;
 
+use crate::sampling::MOST_SAMPLES;
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::{Method, Prepared, Shading};
 use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
 use crate::bvh::packet::Packet;
 use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::geometry::Geometry;
+use crate::error::{Result, in_range};
 use crate::light::Light;
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
 use grid::Grid;
 use group::{Found, Group, Seen};
-
-/// Most samples a receiver.
-pub const MOST_SAMPLES: usize = 1 << 16;
 
 /// Most candidate edges of a group. Beyond, the group is halved, or its samples are all traced: looking
 /// at so many edges costs as much. Half and twice as many make no difference to speed.
@@ -53,7 +51,7 @@ pub const MOST_EDGES: usize = 1024;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RayTraced {
     /// Light samples a receiver.
-    pub samples: usize,
+    pub samples: u32,
     /// Seed of the light samples.
     pub seed: u64,
     /// Whether all receivers share the same light points.
@@ -66,18 +64,10 @@ impl RayTraced {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// A number of samples outside 1 to [`MOST_SAMPLES`].
-    pub fn new(samples: i64, seed: u64, fixed: bool, cull: bool) -> Result<Self> {
-        if !(1..=MOST_SAMPLES as i64).contains(&samples) {
-            let reason = format!("samples must be 1 to {MOST_SAMPLES}, got {samples}");
-            return Err(Error::parameter("RayTraced", reason));
-        }
-        Ok(RayTraced {
-            samples: samples as usize,
-            seed,
-            fixed,
-            cull,
-        })
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        in_range("RayTraced", "samples", self.samples, 1..=MOST_SAMPLES)?;
+        Ok(self)
     }
 }
 
@@ -88,26 +78,25 @@ impl Method for RayTraced {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
         let occluders = geometry.occluders();
         control.check()?;
-        let pattern = Pattern::new(self.samples, self.seed);
+        let pattern = Pattern::new(self.samples as usize, self.seed);
         let lights = lights
             .iter()
             .map(|light| {
-                let light = light.to_local(&geometry.frame);
                 let mut stack = Vec::new();
-                let mut touches = |bvh| touches_light(bvh, &light, &mut stack);
+                let mut touches = |bvh| touches_light(bvh, light, &mut stack);
                 let cut = touches(&occluders.opaque)
                     || occluders
                         .transparent
                         .as_ref()
                         .is_some_and(|(bvh, _)| touches(bvh));
-                let sampler = Sampler::new(light, pattern.clone(), self.fixed);
+                let sampler = Sampler::new(*light, pattern.clone(), self.fixed);
                 PreparedLight {
                     sampler,
                     cull: self.cull && !cut,
@@ -130,7 +119,7 @@ struct PreparedLight {
 }
 
 struct PreparedRayTraced {
-    geometry: Arc<Geometry>,
+    geometry: Arc<Snapshot>,
     lights: Vec<PreparedLight>,
 }
 

@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 
 use super::view::{Kind, NEAREST, Outline, STRIP, View};
 use crate::bvh::packet::Packet;
-use crate::sampling::POINT_OFFSET;
+use crate::frame::POINT_OFFSET;
 use crate::simd::{LANES, Lanes, Level, Row};
 
 /// What rises above the plane that shadow rays start from by no more than this is the receiver's own

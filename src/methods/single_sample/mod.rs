@@ -61,23 +61,22 @@ mod tests;
 mod triangles;
 mod view;
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::hard;
-use super::ssoc::falloff::Falloff;
-use super::views::Outline as Look;
-use super::wedges::contour::check_opacity;
-use super::wedges::is_point;
-use super::{Method, Prepared, Shading};
 use crate::bvh::packet::{Packet, Stack};
 use crate::bvh::{Occluders, TriangleBvh};
+use crate::casters::check_opacity;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::light::Light;
+use crate::light::falloff::Falloff;
+use crate::light::reach::Outline as Look;
+use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::simd::{LANES, detect};
 use found::{Found, Part};
@@ -120,7 +119,7 @@ impl SingleSample {
     /// Something transparent that casts, or [`crate::error::Error::Cancelled`].
     pub fn ready(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<PreparedSingleSample> {
@@ -142,7 +141,7 @@ impl SingleSample {
         ];
         control.check()?;
         Ok(PreparedSingleSample {
-            lights: lights.iter().map(|l| l.to_local(&geometry.frame)).collect(),
+            lights: lights.to_vec(),
             geometry,
             parts,
             method: *self,
@@ -167,7 +166,7 @@ impl Method for SingleSample {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -177,7 +176,7 @@ impl Method for SingleSample {
 
 /// Single sample soft shadows, ready to answer.
 pub struct PreparedSingleSample {
-    geometry: Arc<Geometry>,
+    geometry: Arc<Snapshot>,
     lights: Vec<Light>,
     /// Numbers of what opaque and transparent triangles belong to, if that matters.
     parts: [Option<Vec<u32>>; 2],
@@ -208,8 +207,8 @@ impl PreparedSingleSample {
     ) -> Result<Vec<T>> {
         let light = &self.lights[light];
         let occluders = self.geometry.occluders();
-        let target = hard::target(light);
-        let outline = (!is_point(light)).then(|| Outline::new(light, target));
+        let target = light.target();
+        let outline = (!light.is_point()).then(|| Outline::new(light, target));
         receivers.by_groups(control, dark, Scratch::default, |scratch, range, out| {
             let first = range.start;
             let fraction = |i| {

@@ -6,9 +6,11 @@ use super::found::Found;
 use super::lanes::Views;
 use super::triangles::search;
 use super::view::{Outline, View};
-use crate::bvh::packet::{self, Stack};
+use crate::bvh::packet;
+use crate::bvh::packet::Stack;
+use crate::geometry::entry::Material;
 use crate::light::Light;
-use crate::scene::{Material, Scene};
+use crate::scene::Scene;
 use crate::simd::{LANES, detect, levels};
 
 struct Random(u64);
@@ -85,7 +87,7 @@ fn the_tree_finds_what_all_triangles_one_by_one_say() {
     let (mut partly, mut clipped) = (0, 0);
     for round in 0..300 {
         let mut scene = soup(&mut random, 1 + round % 90, [0.02, 0.2, 1.5][round % 3]);
-        let geometry = scene.geometry().unwrap();
+        let geometry = scene.snapshot().unwrap();
         let bvh = &geometry.occluders().opaque;
         for light in lights(&mut random) {
             let views = views(&mut random, &light.to_local(&geometry.frame));
@@ -187,7 +189,7 @@ fn a_triangles_distance_is_that_of_its_nearest_point() {
 fn parts_keep_their_own_nearest() {
     let mut random = Random(5);
     let mut scene = soup(&mut random, 60, 0.3);
-    let geometry = scene.geometry().unwrap();
+    let geometry = scene.snapshot().unwrap();
     let bvh = &geometry.occluders().opaque;
     let light = lights(&mut random)[0].to_local(&geometry.frame);
     let views = views(&mut random, &light);

@@ -13,8 +13,8 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::light::{Light, Shape};
-use crate::sampling::POINT_OFFSET;
+use crate::frame::POINT_OFFSET;
+use crate::light::{Disk, Light, Rect, Shape, Sphere};
 
 /// Height over the tangent plane, in widths of the light, up to which it is left to `h` what hides the
 /// light, with what rises so high fading in.
@@ -62,7 +62,7 @@ impl Outline {
     pub(super) fn new(light: &Light, target: Vec3) -> Self {
         let target = target.as_dvec3();
         match light.shape {
-            Shape::Rect { u, v, .. } => {
+            Shape::Rect(Rect { u, v, .. }) => {
                 let across = u.cross(v);
                 let (du, dv) = (v.cross(across), across.cross(u));
                 let duals = [du / u.dot(du), dv / v.dot(dv)];
@@ -72,7 +72,7 @@ impl Outline {
                     reach: u.length() + v.length(),
                 }
             }
-            Shape::Disk { normal, radius, .. } => {
+            Shape::Disk(Disk { normal, radius, .. }) => {
                 let (e, f) = normal.any_orthonormal_pair();
                 Outline {
                     target,
@@ -80,7 +80,7 @@ impl Outline {
                     reach: 2.0 * radius,
                 }
             }
-            Shape::Sphere { radius, .. } => Outline {
+            Shape::Sphere(Sphere { radius, .. }) => Outline {
                 target,
                 kind: Kind::Sphere(2.0 * radius),
                 reach: 2.0 * radius,

@@ -10,11 +10,11 @@
 
 use glam::DVec2;
 
-use super::falloff::Cut;
 use super::lookup::{Lookup, Penumbra};
-use super::maps::{Line, Maps};
+use super::maps::{Corner, Line, Maps};
 use super::receiver::Receiver;
-use crate::methods::views::View;
+use crate::light::falloff::Cut;
+use crate::maps::views::View;
 use crate::raster::nearest::NONE;
 
 /// Cosine of the smallest turn that makes a corner sharp, 25°: the distance from a blunter one is within 0.05
@@ -23,22 +23,6 @@ const SHARP: f64 = 0.9;
 
 /// Texels from a line at which what is beside it is looked up.
 const BESIDE: f64 = 1.5;
-
-/// Where a silhouette turns sharply.
-#[derive(Debug, Clone, Copy)]
-pub struct Corner {
-    /// Where, in texels.
-    pub point: DVec2,
-    /// The lines that end and start there.
-    pub lines: [u32; 2],
-    /// How far the silhouette runs about straight on from there, on the first line's side and the second's, in
-    /// texels.
-    pub arms: [f64; 2],
-    /// Image points on the lit side of the first line and of the second.
-    pub beside: [DVec2; 2],
-    /// Whether it hides what both lines hide, not what either does.
-    pub convex: bool,
-}
 
 /// Finds the sharp corners among lines that follow each other, and notes them in the lines that run straight
 /// to them.
@@ -108,7 +92,7 @@ struct Straight {
     width: f64,
     /// As of [`Outline::radius`].
     ///
-    /// [`Outline::radius`]: crate::methods::views::Outline::radius
+    /// [`Outline::radius`]: crate::light::reach::Outline::radius
     part: f64,
 }
 

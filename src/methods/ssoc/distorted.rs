@@ -6,53 +6,14 @@
 //! second part is straight as well, on a line from the light's rim. So two segments are exact, of which the shadow
 //! map has the first, and nothing has to be subdivided.
 
-use glam::DVec2;
 use rayon::prelude::*;
 
-use super::maps::Maps;
+use super::maps::{Maps, Seen};
 use crate::bvh::Occluders;
 use crate::bvh::packet::Stack;
 use crate::control::Control;
 use crate::error::Result;
 use crate::raster::nearest::NONE;
-
-/// What a distorted ray sees first.
-#[derive(Debug, Clone, Copy)]
-pub struct Seen {
-    /// Where that is without distortion, in the image of focal length 1.
-    pub at: DVec2,
-    /// Its inverse depth, 0 where there is nothing.
-    pub inverse_depth: f64,
-    /// Its triangle, or [`NONE`].
-    pub triangle: u32,
-}
-
-impl Seen {
-    const NOTHING: Seen = Seen {
-        at: DVec2::ZERO,
-        inverse_depth: 0.0,
-        triangle: NONE,
-    };
-
-    /// What the ray of a texel sees: straight without a reference image.
-    #[inline(always)]
-    pub fn at(maps: &Maps, texel: usize) -> Seen {
-        match maps.seen.get(texel) {
-            Some(&seen) => seen,
-            None => Seen::straight(maps, texel),
-        }
-    }
-
-    /// What the shadow map has at a texel.
-    #[inline(always)]
-    pub fn straight(maps: &Maps, texel: usize) -> Seen {
-        Seen {
-            at: maps.view.tangents(maps.view.center(texel)),
-            inverse_depth: maps.inverse_depth[texel],
-            triangle: maps.triangle[texel],
-        }
-    }
-}
 
 impl Maps {
     /// Finds what the distorted rays see first, [`Maps::seen`].

@@ -5,9 +5,10 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::maps::Line;
+use crate::maps::views::View;
 use crate::memory::filled;
-use crate::methods::views::View;
-use crate::raster::coverage::{self, Quadrilateral};
+use crate::raster::coverage;
+use crate::raster::coverage::Quadrilateral;
 use crate::raster::nearest::NONE;
 use crate::raster::setup::Bounds;
 use crate::raster::{Cover, Tile};

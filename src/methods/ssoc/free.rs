@@ -13,8 +13,8 @@ use rayon::prelude::*;
 
 use super::maps::Maps;
 use super::receiver::{Receiver, around};
-use crate::contour::Many;
-use crate::methods::views::View;
+use crate::light::many::Many;
+use crate::maps::views::View;
 use crate::raster::nearest::NONE;
 use crate::receivers::{BLOCK, GROUP, Receivers};
 use crate::simd::detect;

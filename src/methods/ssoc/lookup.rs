@@ -19,12 +19,11 @@ use std::f64::consts::FRAC_2_PI;
 
 use glam::{DVec2, DVec3};
 
-use super::distorted::Seen;
-use super::falloff::Falloff;
-use super::maps::Maps;
+use super::maps::{Maps, Seen};
 use super::receiver::{Plane, Planes, Receiver, around};
 use crate::geometry::Geometry;
-use crate::methods::views::View;
+use crate::light::falloff::Falloff;
+use crate::maps::views::View;
 use crate::raster::nearest::NONE;
 
 /// Most repeated distortions.

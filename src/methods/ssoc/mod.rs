@@ -4,7 +4,7 @@
 //! penumbra is how far it has to be moved in the image to be seen. Silhouettes are found in the geometry and
 //! drawn as quads into two distortion maps, for the two sides of the hard shadow's boundary ([`maps`]);
 //! receivers look their edge up, at a cost that does not grow with the scene ([`lookup`]). Lights within a
-//! scene get as many faces of a cube as something casts into ([`super::views`]).
+//! scene get as many faces of a cube as something casts into ([`crate::maps::views`]).
 //!
 //! Assumptions and failures, as the paper states them: edges of one view of the scene, from the light's
 //! centre, stand for all of the light; a texel keeps one edge a side, so that where several penumbrae cross
@@ -15,16 +15,18 @@
 //! otherwise. Receivers farther from the light than all of the scene have their penumbrae cut to the width
 //! that they have at the scene's far end.
 
+mod build;
 pub mod corners;
 pub mod distorted;
 mod drawing;
-pub mod falloff;
 mod free;
 pub mod lookup;
 pub mod maps;
 mod receiver;
 pub mod trend;
 
+use crate::maps::RESOLUTIONS;
+use crate::scene::snapshot::Snapshot;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
@@ -32,20 +34,18 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::far::REACH;
-use super::views::{View, most_central, views};
-use super::wedges::contour::{Casters, Edge};
-use super::wedges::is_point;
-use super::{Method, Prepared, Shading};
-use crate::contour::Many;
+use crate::casters::Casters;
+use crate::casters::edges::Edge;
 use crate::control::Control;
-use crate::error::{Error, Result};
-use crate::geometry::Geometry;
+use crate::error::{Result, in_range};
+use crate::far::REACH;
 use crate::light::Light;
+use crate::light::many::Many;
+use crate::maps::views::{View, most_central, views};
 use crate::memory;
+use crate::method::{Method, Prepared, Shading};
 use crate::raster::tile_count;
 use crate::receivers::Receivers;
-use falloff::Falloff;
 use free::{Block, Cells, Group};
 use lookup::{Lookup, MOST_STEPS, Rules};
 use maps::Maps;
@@ -55,52 +55,31 @@ use maps::Maps;
 const TEXEL_BYTES: usize = 20 + 36;
 
 /// Those of the reference image.
-const SEEN_BYTES: usize = size_of::<distorted::Seen>();
+const SEEN_BYTES: usize = size_of::<maps::Seen>();
 
 /// Parameters of the soft shadow occlusion camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ssoc {
-    resolution: u32,
-    rules: Rules,
-    distorted: bool,
-    opaque: bool,
+    /// Texels on the longer side of a map.
+    pub resolution: u32,
+    /// How a receiver is looked up.
+    pub rules: Rules,
+    /// Whether distorted receivers are compared with the reference image.
+    pub distorted: bool,
+    /// Whether transparent meshes count as opaque.
+    pub opaque: bool,
 }
 
 impl Ssoc {
-    /// Checks and stores the parameters: texels on the longer side of a map, repeated distortions, and whether
-    /// the four texels around a receiver are interpolated, light past the other side of thin occluders is
-    /// looked for, and transparent meshes count as opaque.
+    /// Checks the parameters.
     ///
     /// # Errors
-    /// A resolution outside 16 to 16384, or steps outside 1 to [`MOST_STEPS`].
-    pub fn new(
-        resolution: i64,
-        steps: i64,
-        falloff: Falloff,
-        interpolate: bool,
-        thin: bool,
-        distorted: bool,
-        opaque: bool,
-    ) -> Result<Self> {
-        if !(16..=16384).contains(&resolution) {
-            let reason = format!("resolution must be 16 to 16384, got {resolution}");
-            return Err(Error::parameter("Ssoc", reason));
-        }
-        if !(1..=MOST_STEPS as i64).contains(&steps) {
-            let reason = format!("steps must be 1 to {MOST_STEPS}, got {steps}");
-            return Err(Error::parameter("Ssoc", reason));
-        }
-        Ok(Ssoc {
-            resolution: resolution as u32,
-            rules: Rules {
-                steps: steps as usize,
-                falloff,
-                interpolate,
-                thin,
-            },
-            distorted,
-            opaque,
-        })
+    /// What is out of its range.
+    pub fn checked(self) -> Result<Self> {
+        in_range("Ssoc", "resolution", self.resolution, RESOLUTIONS)?;
+        let steps = 1..=MOST_STEPS as u32;
+        in_range("Ssoc", "steps", self.rules.steps as u32, steps)?;
+        Ok(self)
     }
 
     /// The maps of one light (local), its views one after the other, and the seconds of each stage.
@@ -124,7 +103,7 @@ impl Ssoc {
         let more = if self.distorted { SEEN_BYTES } else { 0 };
         check_memory(&views, TEXEL_BYTES + more)?;
         let tiles: usize = views.iter().map(|v| tile_count(&v.camera)).sum();
-        let soft = !is_point(light);
+        let soft = !light.is_point();
         control.expect(tiles * (1 + usize::from(soft)));
         // Side by side, as most of a cube's faces hold little.
         let mut maps: Vec<Maps> = views
@@ -182,7 +161,7 @@ impl Method for Ssoc {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -193,11 +172,10 @@ impl Method for Ssoc {
 impl Ssoc {
     fn ready(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<PreparedSsoc> {
-        let lights: Vec<Light> = lights.iter().map(|l| l.to_local(&geometry.frame)).collect();
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
         let start = Instant::now();
         casters.connect(false, control)?;
@@ -205,7 +183,7 @@ impl Ssoc {
         let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
         let mut reference_image = 0.0;
         let (mut maps, mut cells) = (Vec::new(), Vec::new());
-        for light in &lights {
+        for light in lights {
             control.check()?;
             let start = Instant::now();
             let edges = casters.silhouettes(light.center(), false);
@@ -213,11 +191,11 @@ impl Ssoc {
             let (mut found, [shadow, distortion]) = self.maps(&casters, &edges, light, control)?;
             shadow_map += shadow;
             let start = Instant::now();
-            let soft = self.rules.interpolate && !is_point(light);
+            let soft = self.rules.interpolate && !light.is_point();
             let soft_maps = found.iter().filter(|_| soft);
             cells.push(soft_maps.map(Cells::new).collect());
             distortion_maps += distortion + start.elapsed().as_secs_f64();
-            if self.distorted && !is_point(light) {
+            if self.distorted && !light.is_point() {
                 let start = Instant::now();
                 Ssoc::reference(&mut found, &casters, control)?;
                 reference_image += start.elapsed().as_secs_f64();
@@ -226,7 +204,7 @@ impl Ssoc {
         }
         Ok(PreparedSsoc {
             casters,
-            lights,
+            lights: lights.to_vec(),
             maps,
             cells,
             method: *self,
@@ -245,7 +223,7 @@ impl Prepared for PreparedSsoc {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let (maps, cells) = (&self.maps[light], &self.cells[light]);
         let light = &self.lights[light];
-        let (rules, hard) = (self.method.rules, is_point(light));
+        let (rules, hard) = (self.method.rules, light.is_point());
         let central = |faces: &[Maps], p: DVec3| {
             let cameras = faces.iter().map(|m| &m.view.camera);
             most_central(cameras, light.center(), p)
@@ -343,9 +321,11 @@ impl Prepared for PreparedSsoc {
 mod tests {
     use super::*;
     use crate::camera::Camera;
+    use crate::geometry::entry::Material;
+    use crate::light::falloff::Falloff;
     use crate::raster::nearest::NONE;
-    use crate::receivers::from_camera;
-    use crate::scene::{Material, Scene};
+    use crate::receivers::visible::from_camera;
+    use crate::scene::Scene;
     use glam::{DMat3, DVec2};
 
     const LOOKS: Material = Material {
@@ -360,7 +340,7 @@ mod tests {
         Casters::new("ssoc", star_geometry(), false).unwrap()
     }
 
-    fn star_geometry() -> Arc<Geometry> {
+    fn star_geometry() -> Arc<Snapshot> {
         let mut scene = Scene::default();
         let rim = (0..14).map(|i| {
             let angle = std::f64::consts::TAU * f64::from(i) / 14.0;
@@ -377,12 +357,27 @@ mod tests {
         scene
             .add_mesh("ground", ground, &[[0, 1, 2]], LOOKS)
             .unwrap();
-        scene.geometry().unwrap()
+        scene.snapshot().unwrap()
+    }
+
+    fn method(resolution: u32) -> Ssoc {
+        let rules = Rules {
+            steps: 3,
+            falloff: Falloff::Light,
+            interpolate: true,
+            thin: true,
+        };
+        Ssoc {
+            resolution,
+            rules,
+            distorted: false,
+            opaque: false,
+        }
     }
 
     fn maps(casters: &Casters, light: &Light) -> Vec<Maps> {
         let light = light.to_local(&casters.geometry().frame);
-        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false, false).unwrap();
+        let method = method(200);
         let edges = casters.silhouettes(light.center(), false);
         let control = Control::default();
         let (found, _) = method.maps(casters, &edges, &light, &control).unwrap();
@@ -482,10 +477,11 @@ mod tests {
         let camera = camera.to_local(&geometry.frame);
         let control = Control::default();
         let receivers = from_camera(&geometry, &camera, &control).unwrap().1;
-        let method = Ssoc::new(200, 3, Falloff::Light, true, true, false, false).unwrap();
+        let method = method(200);
         // Above all, and between the star and the ground, with several views.
         for height in [2.0, 0.3] {
             let light = Light::sphere(DVec3::new(0.1, -0.2, height), 0.1, [1.0; 3]).unwrap();
+            let light = light.to_local(&geometry.frame);
             let mut prepared = method.ready(geometry.clone(), &[light], &control).unwrap();
             let blocks = prepared.shade(&receivers, 0, &control).unwrap();
             let views = prepared.maps[0].iter().zip(&prepared.cells[0]);
@@ -513,7 +509,7 @@ mod tests {
         let control = Control::default();
         control.cancel();
         let found = Ssoc::reference(&mut all, &casters, &control);
-        assert!(matches!(found, Err(Error::Cancelled)));
+        assert!(matches!(found, Err(crate::error::Error::Cancelled)));
         assert!(all.iter().all(|m| m.seen.is_empty()));
     }
 

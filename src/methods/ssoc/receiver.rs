@@ -4,10 +4,10 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::maps::Maps;
 use crate::camera::Camera;
+use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
-use crate::methods::views::View;
+use crate::maps::views::View;
 use crate::raster::nearest::NONE;
-use crate::sampling::POINT_OFFSET;
 
 /// A receiver in a view.
 pub(super) struct Receiver {

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 
 use glam::DVec2;
 
-use super::maps::{Line, Maps};
+use super::maps::{Line, Maps, Trend};
 
 /// Smallest half-width in texels of a penumbra whose silhouette is followed: the shadow map's staircase is an eighth
 /// of it.
@@ -31,29 +31,6 @@ const NEAR: f64 = 3.0;
 
 /// Smallest part of the light that has to be free past the other side: less is the staircase's.
 const LEAST_FREE: f64 = 0.01;
-
-/// What a silhouette is like around an edge.
-#[derive(Debug, Clone, Copy)]
-pub struct Trend {
-    /// Unit normal to the lit side.
-    pub normal: DVec2,
-    /// Product of the normal with the line's points.
-    pub offset: f64,
-    /// One over the half-width, in texels, of the penumbra that it is for; 0 where an edge stands for itself.
-    pub inverse_width: f64,
-    /// Distance to the other side of what the silhouette bounds, in texels; infinite if out of the light's reach.
-    pub thickness: f64,
-}
-
-impl Trend {
-    /// That of an edge that stands for itself.
-    pub const NONE: Trend = Trend {
-        normal: DVec2::ZERO,
-        offset: 0.0,
-        inverse_width: 0.0,
-        thickness: f64::INFINITY,
-    };
-}
 
 /// The shadow map around an edge's middle, in its directions.
 struct Around<'a> {
@@ -197,7 +174,7 @@ fn distance_of(part: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::light::beyond_line_over_disk;
+    use crate::light::falloff::beyond_line_over_disk;
 
     #[test]
     fn a_line_at_the_distance_of_a_part_cuts_it_off() {

@@ -25,68 +25,19 @@
 //! of turns; only the triangles are left to sum.
 
 use fearless_simd::{dispatch, f32x16, prelude::*};
-use glam::DVec3;
-use rayon::prelude::*;
 
 use super::block::{Block, LightFrame};
-use super::contour::Edge;
-use super::sector::{Inner, Line, Seen, Split, Stored, turn};
-use super::volume::Quad;
-use crate::light::Light;
+use super::edge::AreaEdge;
+use super::sector::{Inner, Line, Seen, Stored, turn};
 use crate::simd::{Lanes, Row, detect};
 
-/// An edge as the kernel wants it.
-#[derive(Debug, Clone, Copy)]
-pub struct AreaEdge {
-    ends: [Split; 2],
-    /// From the first to the second.
-    vector: [f32; 3],
-    pub(super) normal: [f64; 3],
-    pub(super) offset: f64,
-    /// Front and back layers that it counts.
-    weights: [f32; 2],
-    /// Whether it starts where the edge before it ends, and bounds the same layers.
-    follows: bool,
-}
-
-/// The part of an edge in front of a flat light; `None` if there is none.
-fn in_front(light: &Light, ends: [DVec3; 2]) -> Option<[DVec3; 2]> {
-    let Some(n) = light.normal() else {
-        return Some(ends);
-    };
-    let [a, b] = ends;
-    let (za, zb) = (n.dot(a - light.center()), n.dot(b - light.center()));
-    let cut = || a + (b - a) * (za / (za - zb));
-    match (za > 0.0, zb > 0.0) {
-        (true, true) => Some(ends),
-        (true, false) => Some([a, cut()]),
-        (false, true) => Some([cut(), b]),
-        (false, false) => None,
-    }
-}
-
-/// Prepares edges with their planes; those behind a flat light do not count.
-pub fn area_edges(edges: &[Edge], planes: &[Quad], light: &Light) -> Vec<AreaEdge> {
-    let parts: Vec<_> = (edges.par_iter().map(|e| in_front(light, e.ends))).collect();
-    let one = |i: usize| {
-        let (edge, plane) = (&edges[i], &planes[i]);
-        let weight = |layers: i32| parts[i].map_or(0.0, |_| layers as f32);
-        let ends = parts[i].unwrap_or(edge.ends);
-        let follows = i.checked_sub(1).is_some_and(|before| {
-            let e = &edges[before];
-            (e.object, e.front, e.back) == (edge.object, edge.front, edge.back)
-                && parts[before].is_some_and(|[_, end]| end == ends[0])
-        });
-        AreaEdge {
-            ends: ends.map(|v| Split::new(v.to_array())),
-            vector: (ends[1] - ends[0]).as_vec3().to_array(),
-            normal: plane.normal.to_array(),
-            offset: plane.offset,
-            weights: [edge.front, edge.back].map(weight),
-            follows,
-        }
-    };
-    (0..edges.len()).into_par_iter().map(one).collect()
+/// What [`cover`] works on, kept between calls.
+#[derive(Debug, Clone, Default)]
+pub struct Scratch {
+    /// The receivers.
+    pub block: Block,
+    /// Edges between its two steps.
+    lines: [Pending; BATCH],
 }
 
 /// Adds what the edges `ids` cover for a block: front layers and back layers. `steps` is the number of
@@ -95,12 +46,12 @@ pub fn cover(
     frame: &LightFrame,
     edges: &[AreaEdge],
     ids: &[u32],
-    block: &mut Block,
+    scratch: &mut Scratch,
     steps: f32,
     out: &mut [Row; 2],
 ) {
     let square = matches!(frame, LightFrame::Flat { square: true, .. });
-    dispatch!(detect(), simd => cover_lanes(simd, square, edges, ids, block, steps, out));
+    dispatch!(detect(), simd => cover_lanes(simd, square, edges, ids, scratch, steps, out));
 }
 
 #[inline(always)]
@@ -109,10 +60,14 @@ fn cover_lanes<S: Simd>(
     square: bool,
     edges: &[AreaEdge],
     ids: &[u32],
-    block: &mut Block,
+    scratch: &mut Scratch,
     steps: f32,
     out: &mut [Row; 2],
 ) {
+    let Scratch {
+        block,
+        lines: drawn,
+    } = scratch;
     let mut lines = [out[0].load(simd), out[1].load(simd)];
     let mut pending = 0;
     let mut chain = Chain::new(simd, square);
@@ -137,18 +92,18 @@ fn cover_lanes<S: Simd>(
             && let Some(line) = Line::new(simd, block, &a, &b, edge.vector, open, square)
         {
             let shadow_side = !block.lit(edge);
-            let next = &mut block.lines[pending];
+            let next = &mut drawn[pending];
             next.line.set(&line);
             (next.shadow_side, next.weights) = (shadow_side, edge.weights);
             pending += 1;
             if pending == BATCH {
-                measure(simd, &block.lines, square, steps, &mut lines);
+                measure(simd, drawn, square, steps, &mut lines);
                 pending = 0;
             }
         }
     }
     chain.finish();
-    measure(simd, &block.lines[..pending], square, steps, &mut lines);
+    measure(simd, &drawn[..pending], square, steps, &mut lines);
     let scale = f32x16::splat(simd, 1.0 / turn(square));
     out[0].set(lines[0] + chain.sum[0] * scale);
     out[1].set(lines[1] + chain.sum[1] * scale);
@@ -231,11 +186,11 @@ impl<S: Simd> Chain<S> {
 /// Edges that are first drawn onto the light and then measured: each step for an edge is a chain of
 /// operations that wait for each other, and a processor looks only so many instructions ahead for others.
 /// Few enough to stay in the nearest cache.
-pub(super) const BATCH: usize = 16;
+const BATCH: usize = 16;
 
 /// An edge drawn onto the light.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Pending {
+struct Pending {
     line: Stored,
     /// Lanes whose receiver is on the shadow side of the plane through edge and centre.
     shadow_side: u16,
@@ -270,8 +225,13 @@ fn measure<S: Simd>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::edge::area_edges;
+    use super::super::volume::Quad;
     use super::*;
+    use crate::casters::edges::Edge;
+    use crate::light::Light;
     use crate::simd::LANES;
+    use glam::DVec3;
     use proptest::prelude::*;
 
     /// A closed contour of one front layer.
@@ -296,9 +256,9 @@ mod tests {
         let kernel = area_edges(edges, &quads, light);
         let frame = LightFrame::new(light);
         let ids: Vec<u32> = (0..edges.len() as u32).collect();
-        let (mut block, mut out) = (Block::default(), [Row::default(); 2]);
-        block.set(&frame, p);
-        cover(&frame, &kernel, &ids, &mut block, steps, &mut out);
+        let (mut scratch, mut out) = (Scratch::default(), [Row::default(); 2]);
+        scratch.block.set(&frame, p);
+        cover(&frame, &kernel, &ids, &mut scratch, steps, &mut out);
         out[0].0
     }
 
@@ -372,7 +332,7 @@ mod tests {
         let mixed = [edges[2], edges[0], edges[3], edges[1]];
         let starts = |e: &[Edge]| e.iter().map(|e| e.vertices[0]).collect::<Vec<_>>();
         assert_eq!(
-            starts(&super::super::contour::in_chains(&mixed)),
+            starts(&crate::casters::edges::in_chains(&mixed)),
             [2, 3, 0, 1]
         );
         // One that bounds other layers does not continue a chain.
@@ -381,7 +341,7 @@ mod tests {
             ..edges[1]
         };
         let mixed = [edges[2], edges[0], edges[3], other];
-        let chains = super::super::contour::in_chains(&mixed);
+        let chains = crate::casters::edges::in_chains(&mixed);
         assert_eq!(starts(&chains), [2, 3, 0, 1]);
         let quads: Vec<Quad> = chains
             .iter()

@@ -3,9 +3,8 @@
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
-use super::area::{AreaEdge, BATCH, Pending};
-use super::sector::Split;
-use crate::light::{Light, Shape};
+use super::edge::{AreaEdge, Split};
+use crate::light::{Disk, Light, Rect, Shape, Sphere};
 use crate::simd::{LANES, Row, detect};
 
 /// Sixteen receivers.
@@ -19,8 +18,6 @@ pub struct Block {
     matrix: [[Row; 3]; 3],
     /// What the last row gives at the light's centre: silhouettes farther away do not occlude.
     pub(super) far: Row,
-    /// Room for what happens between the two steps of [`cover`](super::area::cover).
-    pub(super) lines: [Pending; BATCH],
 }
 
 impl Block {
@@ -91,12 +88,12 @@ impl LightFrame {
     /// Of a light with a width.
     pub fn new(light: &Light) -> Self {
         match light.shape {
-            Shape::Sphere { center, radius } => LightFrame::Sphere { center, radius },
-            Shape::Disk {
+            Shape::Sphere(Sphere { center, radius }) => LightFrame::Sphere { center, radius },
+            Shape::Disk(Disk {
                 center,
                 normal,
                 radius,
-            } => {
+            }) => {
                 let e = normal.any_orthonormal_vector();
                 LightFrame::Flat {
                     center,
@@ -106,7 +103,7 @@ impl LightFrame {
                     square: false,
                 }
             }
-            Shape::Rect { center, u, v } => {
+            Shape::Rect(Rect { center, u, v }) => {
                 let n = u.cross(v);
                 let area = n.length_squared();
                 LightFrame::Flat {

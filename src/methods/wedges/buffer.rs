@@ -9,14 +9,17 @@
 use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
-use super::area::{self, AreaEdge};
-use super::block::{Block, LightFrame};
+use super::area;
+use super::area::Scratch;
+use super::block::LightFrame;
 use super::bounds::{BoundsList, Extent, Part};
-use super::interpolate::{self, Wedge};
+use super::edge::AreaEdge;
+use super::interpolate;
+use super::interpolate::Wedge;
 use super::volume::{Drawing, Surface};
 use super::{Buffer, Cast, Overlap, Settings};
 use crate::camera::Camera;
-use crate::contour::Many;
+use crate::light::many::Many;
 use crate::raster::{Cover, SPAN, TILE, Tile, tile_count};
 use crate::receivers::{BLOCK, Receivers};
 use crate::simd::{LANES, Row, detect, positive};
@@ -243,7 +246,7 @@ impl<'a> TileBuffer<'a> {
         let [mut all_near, mut near, mut nearest] = [(); 3].map(|()| Part::default());
         self.wedges.part(wedges, &mut all_near);
         let mut ids = Vec::new();
-        let mut block = Block::default();
+        let mut scratch = Scratch::default();
         let mut points = [DVec3::ZERO; LANES];
         let mut all = Vec::new();
         let mut places = &self.places[..];
@@ -275,7 +278,7 @@ impl<'a> TileBuffer<'a> {
                     self.wedges.list(&nearest, &mut ids);
                     frame
                         .cast
-                        .cover(&ids, points, &mut block, frame.steps(), &mut cover);
+                        .cover(&ids, points, &mut scratch, frame.steps(), &mut cover);
                 }
                 for (lane, &i) in lanes.iter().enumerate() {
                     let at = own[i] as usize;
@@ -340,7 +343,7 @@ impl Cast {
         &self,
         ids: &[u32],
         points: &[DVec3],
-        block: &mut Block,
+        scratch: &mut Scratch,
         steps: f32,
         out: &mut [Row; 2],
     ) {
@@ -350,8 +353,8 @@ impl Cast {
         match &self.interior {
             Interior::None => {}
             Interior::Area(frame, edges) => {
-                block.set(frame, points);
-                area::cover(frame, edges, ids, block, steps, out);
+                scratch.block.set(frame, points);
+                area::cover(frame, edges, ids, scratch, steps, out);
             }
             Interior::Planes(wedges) => interpolate::cover(wedges, ids, points, steps, out),
         }

@@ -21,9 +21,10 @@
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
-use super::planes::{self, Plane};
+use super::planes;
+use super::planes::Plane;
 use super::sector::angle;
-use crate::light::{Light, Shape};
+use crate::light::{Light, Rect, Shape};
 use crate::simd::{LANES, Lanes, Row, detect};
 
 /// How `s` turns into intensity.
@@ -76,11 +77,11 @@ impl Wedge {
             layers: wedge.layers.map(|n| n as f32),
             falloff,
             part: match light.shape {
-                Shape::Rect { u, v, .. } => {
+                Shape::Rect(Rect { u, v, .. }) => {
                     let (a, b) = (u.dot(wedge.outside).abs(), v.dot(wedge.outside).abs());
                     (a.min(b) / (a + b)) as f32
                 }
-                _ => -1.0,
+                Shape::Disk(_) | Shape::Sphere(_) => -1.0,
             },
         }
     }

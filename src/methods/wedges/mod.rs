@@ -23,43 +23,38 @@ pub mod area;
 pub mod block;
 pub mod bounds;
 pub mod buffer;
-pub mod contour;
+pub mod edge;
 pub mod interpolate;
 pub mod planes;
 mod sector;
-pub mod tangent;
 pub mod volume;
 
+use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Method, Prepared, Shading};
+use crate::casters::Casters;
+use crate::casters::edges::{Edge, in_chains};
 use crate::control::Control;
 use crate::error::{Error, Result};
-use crate::geometry::Geometry;
-use crate::light::{Light, Shape};
+use crate::light::Light;
+use crate::light::tangents::tangents;
+use crate::method::{Method, Prepared, Shading};
 use crate::raster::cover_projected;
 use crate::receivers::Receivers;
-use crate::sampling::lifted;
-use area::area_edges;
 use block::LightFrame;
 use bounds::{Bounds, BoundsList};
 use buffer::{Frame, Groups, Interior, TileBuffer};
-use contour::{Casters, Edge, in_chains};
+use edge::area_edges;
 use planes::{Construction, Wedge};
-use tangent::tangents;
 use volume::{Counting, Quad, View};
 
 /// Distance of a light up to which wedges are right, in local units: their planes are found in `f64`, which begins to
 /// fail ten times farther away.
 const REACH: f64 = 65536.0;
-
-/// Half-widths of a light, in local units, below which it is a point: the scene's coordinates are not
-/// known any better.
-const POINT: f64 = f32::EPSILON as f64;
 
 /// How the intensity falls off across a wedge.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -155,7 +150,7 @@ impl Method for Wedges {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -176,7 +171,7 @@ impl Method for ShadowVolume {
 
     fn prepare(
         &self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
@@ -213,15 +208,6 @@ struct PreparedWedges {
     seconds: Vec<(&'static str, f64)>,
 }
 
-/// Whether a light (local) has no width.
-pub(crate) fn is_point(light: &Light) -> bool {
-    let half = match light.shape {
-        Shape::Rect { u, v, .. } => 0.5 * u.length().max(v.length()),
-        Shape::Disk { radius, .. } | Shape::Sphere { radius, .. } => radius,
-    };
-    half <= POINT
-}
-
 /// Bounds of the receivers whose light an edge can cut.
 fn bounds_of_edge(edge: &Edge, light: &Light) -> Bounds {
     let [a, b] = edge.ends;
@@ -253,7 +239,7 @@ impl Cast {
                 .collect::<Vec<_>>()
         };
         let objects = |w: &[Wedge]| w.iter().map(|w| w.object).collect::<Vec<_>>();
-        let soft = settings.soft.filter(|_| !is_point(light));
+        let soft = settings.soft.filter(|_| !light.is_point());
         let none = Cast {
             light: *light,
             quads: Vec::new(),
@@ -323,23 +309,21 @@ impl Cast {
 
 impl PreparedWedges {
     fn new(
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         lights: &[Light],
         settings: Settings,
         control: &Control,
     ) -> Result<Self> {
-        let frame = geometry.frame;
         let casters = Casters::new(settings.method, geometry, settings.opaque)?;
         // Only where something lies in its plane, as silhouettes jump where edges pass through the light's centre.
-        let local = |light: &Light| {
-            let light = light.to_local(&frame);
-            if casters.lie_in_plane(&light) {
-                lifted(&light)
+        let off_ceilings = |light: &Light| {
+            if casters.lie_in_plane(light) {
+                light.lifted()
             } else {
-                light
+                *light
             }
         };
-        let lights: Vec<Light> = lights.iter().map(local).collect();
+        let lights: Vec<Light> = lights.iter().map(off_ceilings).collect();
         let mut clock = Instant::now();
         let mut lap = || {
             let seconds = clock.elapsed().as_secs_f64();
@@ -438,7 +422,7 @@ impl Wedges {
     /// As of [`Method::prepare`] and [`Prepared::shade`].
     pub fn cover(
         self,
-        geometry: Arc<Geometry>,
+        geometry: Arc<Snapshot>,
         light: &Light,
         receivers: &Receivers,
         control: &Control,

@@ -23,10 +23,10 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
-use super::contour::Edge;
-use super::tangent::{Tangents, tangents};
 use super::volume::Quad;
-use crate::light::{Light, Shape};
+use crate::casters::edges::Edge;
+use crate::light::tangents::{Tangents, tangents};
+use crate::light::{Light, Shape, Sphere};
 use crate::mesh::silhouettes::{loops, turn_at};
 
 /// How wedges are built.
@@ -111,7 +111,7 @@ impl Link {
             return None;
         }
         let limits = match light.shape {
-            Shape::Sphere { center, radius } if construction.paper_planes => {
+            Shape::Sphere(Sphere { center, radius }) if construction.paper_planes => {
                 let plane = |p: DVec3| {
                     let n = direction.cross(p - ends[0]).normalize();
                     if n.dot(outside) < 0.0 { -n } else { n }
@@ -121,7 +121,7 @@ impl Link {
                     back: plane(center + radius * outside),
                 }
             }
-            _ => touching,
+            Shape::Rect(_) | Shape::Disk(_) | Shape::Sphere(_) => touching,
         };
         Some(Link {
             ends,

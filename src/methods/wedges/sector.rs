@@ -4,8 +4,8 @@
 
 use std::f32::consts::PI;
 
-use super::area::AreaEdge;
 use super::block::Block;
+use super::edge::{AreaEdge, Split};
 use crate::simd::{Lanes, Row};
 use fearless_simd::{f32x16, prelude::*};
 
@@ -15,32 +15,6 @@ const FAR: f32 = 1e9;
 /// Distances from a receiver below this, in local units, count as this: products of two and a line's length
 /// stay normal numbers, and vertices are known to a hundred times as much at best.
 const NEAREST: f32 = 1e-9;
-
-/// A position in two parts: differences to receivers in contact are then as exact as with `f64`.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Split {
-    high: [f32; 3],
-    low: [f32; 3],
-}
-
-impl Split {
-    /// Of a local position.
-    pub(super) fn new(p: [f64; 3]) -> Self {
-        let high = p.map(|x| x as f32);
-        Split {
-            high,
-            low: std::array::from_fn(|i| (p[i] - f64::from(high[i])) as f32),
-        }
-    }
-
-    /// Puts it into a lane.
-    pub(super) fn store(&self, lane: usize, rows: &mut [[Row; 2]; 3]) {
-        for (axis, [high, low]) in rows.iter_mut().enumerate() {
-            high.0[lane] = self.high[axis];
-            low.0[lane] = self.low[axis];
-        }
-    }
-}
 
 /// A vertex as sixteen receivers see it on the light.
 #[derive(Clone, Copy)]

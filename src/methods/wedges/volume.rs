@@ -19,11 +19,13 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::contour::{Casters, Edge};
 use crate::camera::Camera;
+use crate::casters::Casters;
+use crate::casters::edges::Edge;
 use crate::geometry::distance;
 use crate::mesh::silhouettes::side_of;
-use crate::raster::coverage::{self, Quadrilateral};
+use crate::raster::coverage;
+use crate::raster::coverage::Quadrilateral;
 use crate::raster::project;
 use crate::raster::setup::{Bounds as PixelBounds, NEAR};
 

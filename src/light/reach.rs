@@ -1,0 +1,56 @@
+//! How far a light reaches from its centre, as a view has it.
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::{Disk, Light, Rect, Shape, Sphere};
+
+/// How far a light reaches from its centre, in a view's coordinates.
+#[derive(Debug, Clone, Copy)]
+pub enum Outline {
+    /// Half edges.
+    Rect(DVec3, DVec3),
+    /// Normal and radius.
+    Disk(DVec3, f64),
+    /// Radius.
+    Sphere(f64),
+}
+
+impl Outline {
+    pub(crate) fn new(light: &Light, rotation: DMat3) -> Self {
+        match light.shape {
+            Shape::Rect(Rect { u, v, .. }) => {
+                Outline::Rect(rotation * (0.5 * u), rotation * (0.5 * v))
+            }
+            Shape::Disk(Disk { normal, radius, .. }) => Outline::Disk(rotation * normal, radius),
+            Shape::Sphere(Sphere { radius, .. }) => Outline::Sphere(radius),
+        }
+    }
+
+    /// The light's equivalent radius for a silhouette with image normal `normal` at the image point `at` of
+    /// focal length 1: its half extent along the normal of the plane through its centre and the silhouette,
+    /// scaled so that it is the shift across the image. Also which part of a rectangle's width the shorter
+    /// of its sides makes up, at most 1/2.
+    #[inline(always)]
+    pub fn radius(&self, normal: DVec2, at: DVec2) -> (f64, f64) {
+        let g = normal.extend(-normal.dot(at));
+        match *self {
+            Outline::Rect(u, v) => {
+                let (a, b) = (g.dot(u).abs(), g.dot(v).abs());
+                let sum = a + b;
+                (sum, if sum > 0.0 { a.min(b) / sum } else { 0.0 })
+            }
+            Outline::Disk(m, radius) => {
+                let across = g.length_squared() - g.dot(m).powi(2);
+                (radius * across.max(0.0).sqrt(), 0.0)
+            }
+            Outline::Sphere(radius) => (radius * g.length(), 0.0),
+        }
+    }
+
+    pub(crate) fn widest(&self) -> f64 {
+        match *self {
+            Outline::Rect(u, v) => u.length() + v.length(),
+            Outline::Disk(_, radius) | Outline::Sphere(radius) => radius,
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! A scene's geometry with its hierarchies.
+
+use std::ops::Deref;
+use std::sync::{Arc, OnceLock};
+
+use glam::DVec3;
+
+use crate::bvh::Occluders;
+use crate::error::Result;
+use crate::frame::Frame;
+use crate::geometry::Geometry;
+use crate::geometry::entry::Entry;
+
+/// What methods work on: geometry that does not change, and hierarchies that are built when first asked for.
+#[derive(Debug)]
+pub struct Snapshot {
+    geometry: Geometry,
+    occluders: OnceLock<Occluders>,
+    /// Hierarchies of the same entries at other positions, to be refitted.
+    inherited: Option<Occluders>,
+}
+
+impl Snapshot {
+    /// Takes `entries` as they are, in a given frame or in one that fits them. `previous`, if given, has the same
+    /// entries at other positions.
+    ///
+    /// # Errors
+    /// Those of [`Geometry::new`].
+    pub fn new(
+        entries: &[Entry],
+        previous: Option<&Snapshot>,
+        frame: Option<Frame>,
+    ) -> Result<Self> {
+        let known = previous.and_then(|p| p.occluders.get().or(p.inherited.as_ref()));
+        Ok(Snapshot {
+            geometry: Geometry::new(entries, frame)?,
+            occluders: OnceLock::new(),
+            inherited: known.cloned(),
+        })
+    }
+
+    /// The same with all triangles moved by `f` ([`Geometry::mapped`]).
+    pub fn mapped(&self, f: impl Fn(DVec3) -> DVec3 + Sync) -> Arc<Self> {
+        Arc::new(Snapshot {
+            geometry: self.geometry.mapped(f),
+            occluders: OnceLock::new(),
+            inherited: None,
+        })
+    }
+
+    /// The hierarchies over everything that casts; built (or refitted) at the first call.
+    pub fn occluders(&self) -> &Occluders {
+        self.occluders.get_or_init(|| match &self.inherited {
+            Some(known) => known.refitted(self),
+            None => Occluders::new(self),
+        })
+    }
+}
+
+impl Deref for Snapshot {
+    type Target = Geometry;
+
+    fn deref(&self) -> &Geometry {
+        &self.geometry
+    }
+}
