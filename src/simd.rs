@@ -158,10 +158,18 @@ impl<S: Simd> Lanes<S> for f32x16<S> {
     }
 }
 
+#[inline(always)]
+fn from_vec4<S: Simd>(simd: S, v: Vec4) -> f32x4<S> {
+    f32x4::load_array(simd, v.to_array())
+}
+
 /// Four lanes after four lanes.
 #[inline(always)]
 pub(crate) fn join<S: Simd>(simd: S, four: [Vec4; 4]) -> f32x16<S> {
-    let [a, b, c, d] = four.map(|v| f32x4::load_array(simd, v.to_array()));
+    // No closures: the compiler need not inline one, and it would not have the kernel's instruction set.
+    let [a, b, c, d] = four;
+    let (a, b) = (from_vec4(simd, a), from_vec4(simd, b));
+    let (c, d) = (from_vec4(simd, c), from_vec4(simd, d));
     simd.combine_f32x8(simd.combine_f32x4(a, b), simd.combine_f32x4(c, d))
 }
 
@@ -169,11 +177,10 @@ pub(crate) fn join<S: Simd>(simd: S, four: [Vec4; 4]) -> f32x16<S> {
 #[inline(always)]
 pub(crate) fn swap_fours<S: Simd>(lanes: f32x16<S>) -> f32x16<S> {
     let simd = lanes.simd;
-    let [low, high] = [simd.split_f32x16(lanes).0, simd.split_f32x16(lanes).1].map(|eight| {
-        let (a, b) = simd.split_f32x8(eight);
-        simd.combine_f32x4(b, a)
-    });
-    simd.combine_f32x8(low, high)
+    let (low, high) = simd.split_f32x16(lanes);
+    let (a, b) = simd.split_f32x8(low);
+    let (c, d) = simd.split_f32x8(high);
+    simd.combine_f32x8(simd.combine_f32x4(b, a), simd.combine_f32x4(d, c))
 }
 
 /// Bit `i` set where `values[i]` is positive.
