@@ -146,20 +146,63 @@ for scene in (_penumbra_scene(), _penumbra_scene(opacity=0.3)):
 """
 
 
-def test_the_number_of_threads_changes_no_bit():
-    def run(threads):
-        environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
-        return subprocess.run(
-            [sys.executable, "-c", PROGRAM],
-            env=environment,
-            cwd=os.path.dirname(__file__),
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=120,
-        ).stdout.split()
+def _run(program, **variables):
+    """What a program prints, word by word, with variables of the environment set."""
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, **variables},
+        cwd=os.path.dirname(__file__),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    ).stdout.split()
 
-    one, two, many = run(1), run(2), run(7)
+
+def test_the_number_of_threads_changes_no_bit():
+    one, two, many = (_run(PROGRAM, RAYON_NUM_THREADS=threads) for threads in "127")
     assert len(one) == 6
     assert len(set(one)) == 4  # culling changes nothing
     assert one == two == many
+
+
+LEVELS = """
+import softshadow as ss
+from fuzz.checks import METHODS
+from test_roles_and_bits import WIDE, _digest, _penumbra_scene
+print(ss._core.simd_level())
+view = ss.Camera((0.4, -2.2, 2.2), (0, 0, 0.1), width=37, height=27)
+scene = _penumbra_scene()
+scene.add_spheres([(-0.4, 0.3, 0.5)], [0.2])
+lights = [WIDE, ss.SphereLight((-1, 0.5, 1.5), 0.3), ss.DiskLight((0, 2, 1), (0, -2, -1), 0.4)]
+for name, method in METHODS.items():
+    for light in lights:
+        try:
+            print(name, _digest(ss.render(scene, view, light, method)))
+        except ss.UnsupportedError:
+            print(name, "unsupported")
+for method in (ss.RayTraced(64, cull=False), ss.Mtsm(128, samples=64), ss.DeepShadow(128)):
+    print("transparent", _digest(ss.render(_penumbra_scene(opacity=0.3), view, WIDE, method)))
+"""
+
+
+def _levels():
+    """The machine's SIMD levels, which the error for a bad one lists."""
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        _run("import softshadow", SOFTSHADOW_SIMD="none")
+    message = caught.value.stderr.splitlines()[-1]
+    known = 'ImportError: SOFTSHADOW_SIMD is "none"; this machine has '
+    assert message.startswith(known)
+    return message.removeprefix(known).split(", ")
+
+
+def test_the_simd_level_changes_no_bit():
+    best, *pictures = _run(LEVELS, SOFTSHADOW_SIMD="")
+    assert len(pictures) > 50
+    levels = _levels()
+    assert levels[0] == "fallback"
+    assert levels[-1] == best
+    for level in levels[:-1]:
+        used, *same = _run(LEVELS, SOFTSHADOW_SIMD=level)
+        assert used == level
+        assert same == pictures, level
