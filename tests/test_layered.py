@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import softshadow as ss
+from bits import digest, with_threads
 from shapes import quad
 
 GROUND = quad((0, 0, 0), (6, 0, 0), (0, 6, 0))
@@ -370,25 +367,13 @@ def test_random_soups_give_finite_visibilities(name, kind):
 
 
 def test_the_bits_do_not_depend_on_the_number_of_threads():
-    script = (
-        "import hashlib, softshadow as ss\n"
-        "for opacity in (1, 0.5):\n"
-        "    s = ss.scenes.closed_solids(64, 64, detail=3, opacity=opacity)\n"
-        "    v = ss.render(s.scene, s.camera, s.light, ss.Mtsm(samples=64)).visibility\n"
-        "    print(hashlib.sha256(v.tobytes()).hexdigest())\n"
-    )
-    found = {
-        subprocess.run(
-            [sys.executable, "-c", script],
-            env=os.environ | {"RAYON_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for threads in ("1", "3")
-    }
+    def digests():
+        setups = [ss.scenes.closed_solids(64, 64, detail=3, opacity=o) for o in (1, 0.5)]
+        return tuple(digest(_render(s, ss.Mtsm(samples=64)).visibility) for s in setups)
+
+    found = with_threads(digests, 1, 3)
     assert len(found) == 1
-    assert len(set(found.pop().split())) == 2
+    assert len(set(found.pop())) == 2
 
 
 def test_the_maps_are_arrays():

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import softshadow as ss
+from bits import digest, with_threads
 from shapes import bumpy, geodesic, quad
 
 GROUND = quad((0, 0, 0), (8, 0, 0), (0, 8, 0))
@@ -568,32 +564,16 @@ def test_scaled_and_moved_scenes_give_the_same(scale, move):
         assert (np.abs(plain - other) > 1e-3).mean() < 0.002
 
 
-def _digest():
-    setup = _solids(64)
-    setup.scene.add_spheres([(0.3, 0.2, 1.0)], [0.15], name="above")
-    lights = [setup.light, LIGHTS["rect"]]
-    digest = hashlib.sha256()
-    for method in (ss.SingleSample(), ss.SingleSample(overlap="multiply", parts="triangles")):
-        image = ss.render(setup.scene, setup.camera, lights, method)
-        digest.update(image.visibility.tobytes())
-    return digest.hexdigest()
-
-
 def test_the_number_of_threads_changes_no_bit():
-    def run(threads):
-        environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
-        program = "from test_single_sample import _digest; print(_digest())"
-        return subprocess.run(
-            [sys.executable, "-c", program],
-            env=environment,
-            cwd=os.path.dirname(__file__),
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=120,
-        ).stdout
+    def digests():
+        setup = _solids(64)
+        setup.scene.add_spheres([(0.3, 0.2, 1.0)], [0.15], name="above")
+        lights = [setup.light, LIGHTS["rect"]]
+        methods = ss.SingleSample(), ss.SingleSample(overlap="multiply", parts="triangles")
+        images = [ss.render(setup.scene, setup.camera, lights, method) for method in methods]
+        return digest(*(image.visibility for image in images))
 
-    assert run(1) == run(2) == run(5)
+    assert len(with_threads(digests, 1, 2, 5)) == 1
 
 
 def test_points_and_pixels_get_the_same():
