@@ -3,9 +3,11 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+# Tests in processes of their own, one a core; neighbours share what a file prepares.
+PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test lint bench fuzz clean
+.PHONY: demo test test-slow lint bench fuzz clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -24,10 +26,14 @@ $(STAMP): $(VENV)/.tools $(SOURCES)
 demo: $(STAMP)
 	$(BIN)/python examples/demo.py demo
 
-## Runs every test, Rust and Python.
+## Runs every test, Rust and Python, but long studies.
 test: $(STAMP)
 	cargo test --no-default-features --quiet
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
+
+## Runs long studies of what short tests claim, too.
+test-slow: $(STAMP)
+	$(BIN)/python -m pytest $(PARALLEL) -m slow
 
 ## Formatters, linters and type checkers; warnings are errors.
 lint: $(STAMP)

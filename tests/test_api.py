@@ -329,10 +329,10 @@ def test_ctrl_c_is_answered_while_a_large_mesh_is_prepared(million, after):
 def test_ctrl_c_is_answered_while_the_distorted_image_is_found():
     scene, light = _scene(64), ss.SphereLight((0.3, 0.2, 2.5), 0.4)
 
-    def build():
-        return ss.prepare(scene, light, ss.Ssoc(resolution=4096, distorted=True))
+    def build(resolution=4096):
+        return ss.prepare(scene, light, ss.Ssoc(resolution=resolution, distorted=True))
 
-    build()  # with the adjacency and the ray hierarchy that later calls find
+    build(64)  # with the adjacency and the ray hierarchy that later calls find
     start, watch = time.perf_counter(), Stopwatch()
     image = build().render(CAMERA)
     took, worked = time.perf_counter() - start, watch.seconds()
