@@ -7,7 +7,7 @@ STAMP  := $(VENV)/.installed
 PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test test-slow lint bench fuzz clean
+.PHONY: demo test test-rust test-python test-slow lint lint-rust lint-python bench fuzz clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -27,8 +27,12 @@ demo: $(STAMP)
 	$(BIN)/python examples/demo.py demo
 
 ## Runs every test, Rust and Python, but long studies.
-test: $(STAMP)
+test: test-rust test-python
+
+test-rust:
 	cargo test --no-default-features --quiet
+
+test-python: $(STAMP)
 	$(BIN)/python -m pytest $(PARALLEL)
 
 ## Runs long studies of what short tests claim, too.
@@ -36,11 +40,16 @@ test-slow: $(STAMP)
 	$(BIN)/python -m pytest $(PARALLEL) -m slow
 
 ## Formatters, linters and type checkers; warnings are errors.
-lint: $(STAMP)
+lint: lint-rust lint-python
+
+# Needs nothing installed, so that `make -j2` does it while the package is built.
+lint-rust:
 	cargo fmt --check
 	cargo clippy --all-targets --quiet -- -D warnings
 	cargo clippy --all-targets --no-default-features --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --document-private-items --quiet
+
+lint-python: $(STAMP)
 	$(BIN)/ruff format --check python tests benches examples
 	$(BIN)/ruff check python tests benches examples
 	$(BIN)/mypy

@@ -213,6 +213,8 @@ def _task(scene, camera, light, method):
 
 
 KINDS = [k for k in ("fork", "spawn", "forkserver") if k in multiprocessing.get_all_start_methods()]
+if "forkserver" in KINDS:  # its children need not import the package each
+    multiprocessing.get_context("forkserver").set_forkserver_preload(["softshadow"])
 
 
 @pytest.mark.parametrize("kind", KINDS)
