@@ -4,9 +4,11 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 EXTRAS := plot,metrics,io,cli,bake,scenes,mitsuba
+# Tests in processes of their own, one a core; neighbours share what a file prepares.
+PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test lint bench fuzz wheels clean
+.PHONY: demo test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -25,17 +27,30 @@ $(STAMP): $(VENV)/.tools $(SOURCES)
 demo: $(STAMP)
 	$(BIN)/python examples/demo.py demo
 
-## Runs every test, Rust and Python.
-test: $(STAMP)
+## Runs every test, Rust and Python, but long studies.
+test: test-rust test-python
+
+test-rust:
 	cargo test --no-default-features --quiet
-	$(BIN)/python -m pytest
+
+test-python: $(STAMP)
+	$(BIN)/python -m pytest $(PARALLEL)
+
+## Runs long studies of what short tests claim, too.
+test-slow: $(STAMP)
+	$(BIN)/python -m pytest $(PARALLEL) -m slow
 
 ## Formatters, linters and type checkers; warnings are errors.
-lint: $(STAMP)
+lint: lint-rust lint-python
+
+# Needs nothing installed, so that `make -j2` does it while the package is built.
+lint-rust:
 	cargo fmt --check
 	cargo clippy --all-targets --quiet -- -D warnings
 	cargo clippy --all-targets --no-default-features --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --document-private-items --quiet
+
+lint-python: $(STAMP)
 	$(BIN)/ruff format --check python tests benches examples
 	$(BIN)/ruff check python tests benches examples
 	$(BIN)/mypy

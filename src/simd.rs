@@ -1,11 +1,18 @@
-//! Sixteen `f32` lanes on whatever the machine has, chosen at run time.
+//! Sixteen `f32` lanes on whatever the machine has, chosen at run time: what kernels need over the
+//! `fearless_simd` crate.
 //!
-//! A kernel is written once, generic over [`Lanes`], marked `#[inline(always)]`, and called through
-//! `dispatch!`, which wraps it in functions compiled for AVX-512, AVX2 and the baseline. No
-//! operation contracts a multiplication and an addition, so that all three give the same bits.
+//! A kernel is written once, generic over [`Simd`] with the level's token as an argument, marked
+//! `#[inline(always)]`, and called through `dispatch!(detect(), simd => kernel(simd, …))`, which
+//! compiles it for every level. Kernels without lanes, left to the compiler's vectoriser, need no
+//! token. No operation contracts a multiplication and an addition, so that all levels give the same
+//! bits.
+//!
+//! The environment variable `SOFTSHADOW_SIMD` chooses a lower level by its name in [`levels`].
 
 use std::sync::OnceLock;
 
+pub use fearless_simd::Level;
+use fearless_simd::{f32x4, f32x16, f64x8, mask32x16, prelude::*};
 use glam::Vec4;
 
 /// Lanes in a vector.
@@ -22,227 +29,166 @@ impl Default for Row {
     }
 }
 
-/// Instruction set that kernels run with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
-    /// The baseline of the target.
-    Portable,
-    /// AVX2, and the bit operations of the machines that have it (POPCNT, BMI1, BMI2).
-    Avx2,
-    /// That, and AVX-512 (F, DQ, BW, VL).
-    Avx512,
+impl Row {
+    /// Reads it into lanes.
+    #[inline(always)]
+    pub(crate) fn load<S: Simd>(&self, simd: S) -> f32x16<S> {
+        f32x16::load_array_ref(simd, &self.0)
+    }
+
+    /// Writes lanes.
+    #[inline(always)]
+    pub(crate) fn set<S: Simd>(&mut self, lanes: f32x16<S>) {
+        lanes.store_array(&mut self.0);
+    }
 }
 
-/// Returns the best level that this machine has.
-pub fn detect() -> Level {
-    static LEVEL: OnceLock<Level> = OnceLock::new();
-    *LEVEL.get_or_init(|| {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let avx2 = is_x86_feature_detected!("avx2")
-                && is_x86_feature_detected!("popcnt")
-                && is_x86_feature_detected!("bmi1")
-                && is_x86_feature_detected!("bmi2");
-            if avx2
-                && is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512vl")
-            {
-                return Level::Avx512;
-            }
-            if avx2 {
-                return Level::Avx2;
+/// The variable of the environment with the name of the level to use.
+pub const VARIABLE: &str = "SOFTSHADOW_SIMD";
+
+/// Names of the levels that this machine has, the best one last.
+///
+/// The `fallback` is what every machine of the target has: SSE2 on x86-64, NEON on AArch64.
+pub fn levels() -> Vec<(&'static str, Level)> {
+    #[allow(unused_mut, reason = "other targets have one level")]
+    let mut out = vec![("fallback", Level::baseline())];
+    #[cfg(target_arch = "x86_64")]
+    {
+        let best = Level::new();
+        out.extend(best.as_sse4_2().map(|s| ("sse4.2", s.level())));
+        out.extend(best.as_avx2().map(|s| ("avx2", s.level())));
+        out.extend(best.as_avx512().map(|s| ("avx512", s.level())));
+    }
+    out
+}
+
+/// What [`VARIABLE`] names, or the best level, with its name; the environment is read once.
+///
+/// # Errors
+/// The names to choose from if none of this machine's levels has the one that is set.
+pub fn chosen() -> Result<(&'static str, Level), &'static str> {
+    static CHOSEN: OnceLock<Result<(&'static str, Level), String>> = OnceLock::new();
+    let chosen = CHOSEN.get_or_init(|| {
+        let levels = levels();
+        let name = std::env::var(VARIABLE).unwrap_or_default();
+        let named = levels.iter().find(|level| level.0 == name);
+        match (named, name.as_str()) {
+            (Some(&level), _) => Ok(level),
+            (None, "") => Ok(levels[levels.len() - 1]),
+            _ => {
+                let names: Vec<_> = levels.iter().map(|level| level.0).collect();
+                let names = names.join(", ");
+                Err(format!("{VARIABLE} is {name:?}; this machine has {names}"))
             }
         }
-        Level::Portable
-    })
+    });
+    chosen.as_ref().copied().map_err(String::as_str)
 }
 
-/// Sixteen `f32` lanes; comparisons return one bit a lane.
+/// The level that kernels run at: the best one where [`chosen`] is an error.
+pub fn detect() -> Level {
+    chosen().map_or_else(|_| Level::new(), |(_, level)| level)
+}
+
+/// Comparisons as one bit a lane, and the smaller and larger value with the same bits on every machine:
+/// the crate leaves open what its `min` and `max` do with NaN.
 ///
-/// Comparisons with NaN are false. `min` and `max` return the second operand when either is NaN, on
-/// every level.
-///
-/// # Safety
-/// Every method may only be called where the features of the implementing type are enabled, which
-/// `dispatch!` sees to.
-pub trait Lanes: Copy {
-    /// All lanes equal.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn splat(x: f32) -> Self;
-    /// Loads a row.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn load(row: &Row) -> Self;
-    /// Four lanes after four lanes.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn join(four: [Vec4; 4]) -> Self;
-    /// Lanes 0 to 3 change places with 4 to 7, and 8 to 11 with 12 to 15.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn swap_fours(self) -> Self;
-    /// Stores a row.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn store(self, row: &mut Row);
-    /// `self + o`
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn add(self, o: Self) -> Self;
-    /// `self - o`
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn sub(self, o: Self) -> Self;
-    /// `self * o`
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn mul(self, o: Self) -> Self;
-    /// `self / o`
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn div(self, o: Self) -> Self;
-    /// Square root.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn sqrt(self) -> Self;
-    /// Lane-wise `self < o ? self : o`
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn min(self, o: Self) -> Self;
-    /// Lane-wise `self > o ? self : o`
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn max(self, o: Self) -> Self;
+/// Comparisons with NaN are false.
+pub(crate) trait Lanes<S: Simd>: Copy {
     /// Bit `i` set where lane `i` has `self < o`.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn lt(self, o: Self) -> u16;
+    fn lt(self, o: impl SimdInto<Self, S>) -> u16;
     /// Bit `i` set where lane `i` has `self <= o`.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn le(self, o: Self) -> u16;
-    /// Lane `i` of `self` where bit `i` of `mask` is set, of `o` elsewhere.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn select(self, mask: u16, o: Self) -> Self;
-    /// Bit `i` set where `values[i]` is positive.
-    ///
-    /// # Safety
-    /// See the trait.
-    unsafe fn positive(values: &[f64; 8]) -> u8;
+    fn le(self, o: impl SimdInto<Self, S>) -> u16;
+    /// Bit `i` set where lane `i` has `self > o`.
+    fn gt(self, o: impl SimdInto<Self, S>) -> u16;
+    /// Bit `i` set where lane `i` has `self >= o`.
+    fn ge(self, o: impl SimdInto<Self, S>) -> u16;
+    /// Lane-wise `self < o ? self : o`, thus `o` where either is NaN.
+    fn lesser(self, o: impl SimdInto<Self, S>) -> Self;
+    /// Lane-wise `self > o ? self : o`, thus `o` where either is NaN.
+    fn greater(self, o: impl SimdInto<Self, S>) -> Self;
+    /// Lane `i` of `self` where bit `i` is set, of `o` elsewhere.
+    fn where_bits(self, bits: u16, o: impl SimdInto<Self, S>) -> Self;
+}
 
-    /// Absolute value.
-    ///
-    /// # Safety
-    /// See the trait.
+/// One bit a lane.
+#[inline(always)]
+pub(crate) fn bits<S: Simd>(mask: mask32x16<S>) -> u16 {
+    mask.to_bitmask() as u16
+}
+
+impl<S: Simd> Lanes<S> for f32x16<S> {
     #[inline(always)]
-    unsafe fn abs(self) -> Self {
-        // SAFETY: the caller enabled the features.
-        unsafe { self.max(Self::splat(0.0).sub(self)) }
+    fn lt(self, o: impl SimdInto<Self, S>) -> u16 {
+        bits(self.simd_lt(o))
+    }
+    #[inline(always)]
+    fn le(self, o: impl SimdInto<Self, S>) -> u16 {
+        bits(self.simd_le(o))
+    }
+    #[inline(always)]
+    fn gt(self, o: impl SimdInto<Self, S>) -> u16 {
+        bits(self.simd_gt(o))
+    }
+    #[inline(always)]
+    fn ge(self, o: impl SimdInto<Self, S>) -> u16 {
+        bits(self.simd_ge(o))
+    }
+    #[inline(always)]
+    fn lesser(self, o: impl SimdInto<Self, S>) -> Self {
+        // x86 has an instruction for just this, which is the crate's `min` there.
+        if cfg!(target_arch = "x86_64") {
+            return self.min(o);
+        }
+        let o = o.simd_into(self.simd);
+        self.simd_lt(o).select(self, o)
+    }
+    #[inline(always)]
+    fn greater(self, o: impl SimdInto<Self, S>) -> Self {
+        if cfg!(target_arch = "x86_64") {
+            return self.max(o);
+        }
+        let o = o.simd_into(self.simd);
+        self.simd_gt(o).select(self, o)
+    }
+    #[inline(always)]
+    fn where_bits(self, bits: u16, o: impl SimdInto<Self, S>) -> Self {
+        let mask = mask32x16::from_bitmask(self.simd, u64::from(bits));
+        mask.select(self, o.simd_into(self.simd))
     }
 }
 
-impl Lanes for Row {
-    #[inline(always)]
-    unsafe fn splat(x: f32) -> Self {
-        Row([x; LANES])
-    }
-    #[inline(always)]
-    unsafe fn load(row: &Row) -> Self {
-        *row
-    }
-    #[inline(always)]
-    unsafe fn join(four: [Vec4; 4]) -> Self {
-        Row(std::array::from_fn(|i| four[i / 4][i % 4]))
-    }
-    #[inline(always)]
-    unsafe fn swap_fours(self) -> Self {
-        Row(std::array::from_fn(|i| self.0[i ^ 4]))
-    }
-    #[inline(always)]
-    unsafe fn store(self, row: &mut Row) {
-        *row = self;
-    }
-    #[inline(always)]
-    unsafe fn add(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| self.0[i] + o.0[i]))
-    }
-    #[inline(always)]
-    unsafe fn sub(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| self.0[i] - o.0[i]))
-    }
-    #[inline(always)]
-    unsafe fn mul(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| self.0[i] * o.0[i]))
-    }
-    #[inline(always)]
-    unsafe fn div(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| self.0[i] / o.0[i]))
-    }
-    #[inline(always)]
-    unsafe fn sqrt(self) -> Self {
-        Row(std::array::from_fn(|i| self.0[i].sqrt()))
-    }
-    #[inline(always)]
-    unsafe fn min(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| {
-            if self.0[i] < o.0[i] {
-                self.0[i]
-            } else {
-                o.0[i]
-            }
-        }))
-    }
-    #[inline(always)]
-    unsafe fn max(self, o: Self) -> Self {
-        Row(std::array::from_fn(|i| {
-            if self.0[i] > o.0[i] {
-                self.0[i]
-            } else {
-                o.0[i]
-            }
-        }))
-    }
-    #[inline(always)]
-    unsafe fn lt(self, o: Self) -> u16 {
-        (0..LANES).fold(0, |m, i| m | (u16::from(self.0[i] < o.0[i]) << i))
-    }
-    #[inline(always)]
-    unsafe fn le(self, o: Self) -> u16 {
-        (0..LANES).fold(0, |m, i| m | (u16::from(self.0[i] <= o.0[i]) << i))
-    }
-    #[inline(always)]
-    unsafe fn select(self, mask: u16, o: Self) -> Self {
-        Row(std::array::from_fn(|i| {
-            if mask >> i & 1 == 1 {
-                self.0[i]
-            } else {
-                o.0[i]
-            }
-        }))
-    }
-    #[inline(always)]
-    unsafe fn positive(values: &[f64; 8]) -> u8 {
-        (0..8).fold(0, |m, i| m | (u8::from(values[i] > 0.0) << i))
-    }
+#[inline(always)]
+fn from_vec4<S: Simd>(simd: S, v: Vec4) -> f32x4<S> {
+    f32x4::load_array(simd, v.to_array())
+}
+
+/// Four lanes after four lanes.
+#[inline(always)]
+pub(crate) fn join<S: Simd>(simd: S, four: [Vec4; 4]) -> f32x16<S> {
+    // No closures: the compiler need not inline one, and it would not have the kernel's instruction set.
+    let [a, b, c, d] = four;
+    let (a, b) = (from_vec4(simd, a), from_vec4(simd, b));
+    let (c, d) = (from_vec4(simd, c), from_vec4(simd, d));
+    simd.combine_f32x8(simd.combine_f32x4(a, b), simd.combine_f32x4(c, d))
+}
+
+/// Lanes 0 to 3 change places with 4 to 7, and 8 to 11 with 12 to 15.
+#[inline(always)]
+pub(crate) fn swap_fours<S: Simd>(lanes: f32x16<S>) -> f32x16<S> {
+    let simd = lanes.simd;
+    let (low, high) = simd.split_f32x16(lanes);
+    let (a, b) = simd.split_f32x8(low);
+    let (c, d) = simd.split_f32x8(high);
+    simd.combine_f32x8(simd.combine_f32x4(b, a), simd.combine_f32x4(d, c))
+}
+
+/// Bit `i` set where `values[i]` is positive.
+#[inline(always)]
+pub(crate) fn positive<S: Simd>(simd: S, values: &[f64; 8]) -> u8 {
+    f64x8::load_array_ref(simd, values)
+        .simd_gt(0.0)
+        .to_bitmask() as u8
 }
 
 /// Asks for an element of a slice before it is needed.
@@ -258,239 +204,128 @@ pub fn prefetch<T>(slice: &[T], at: usize) {
     let _ = (slice, at);
 }
 
-#[cfg(target_arch = "x86_64")]
-pub use x86::{Avx2, Avx512};
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fearless_simd::dispatch;
 
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{Lanes, Row};
-    use glam::Vec4;
-    use std::arch::x86_64::*;
+    /// Values that comparisons, roundings and flushing to zero could take differently.
+    const HARD: [f32; 16] = [
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::NAN,
+        f32::MIN_POSITIVE,
+        -f32::MIN_POSITIVE,
+        1e-45,
+        -1e-40,
+        f32::MAX,
+        f32::MIN,
+        1.0 + f32::EPSILON,
+        3.3,
+        1e-23,
+    ];
 
-    /// One AVX-512 register.
-    #[derive(Clone, Copy)]
-    pub struct Avx512(__m512);
+    /// What the operations give for a pair of rows: numbers, and bits of lanes.
+    type Found = (Vec<Row>, Vec<u16>);
 
-    /// Two AVX registers.
-    #[derive(Clone, Copy)]
-    pub struct Avx2(__m256, __m256);
+    #[inline(always)]
+    fn operate<S: Simd>(simd: S, a: &Row, b: &Row) -> Found {
+        let (x, y) = (a.load(simd), b.load(simd));
+        let four = [x, y].map(|v| v.as_array().as_chunks::<4>().0[1].into());
+        let numbers = [
+            x + y,
+            x - y,
+            x * y,
+            x / y,
+            x * y + x,
+            x.sqrt(),
+            x.abs(),
+            x.lesser(y),
+            x.greater(y),
+            x.lesser(0.0),
+            x.where_bits(0x5a3c, y),
+            x.simd_lt(y).select(x, y),
+            swap_fours(x),
+            join(simd, [four[0], four[1], four[1], four[0]]),
+        ];
+        let mut rows = vec![Row::default(); numbers.len()];
+        for (row, number) in rows.iter_mut().zip(numbers) {
+            row.set(number);
+        }
+        let values = |from: usize| std::array::from_fn(|i| f64::from(a.0[from + i]));
+        let positive = [positive(simd, &values(0)), positive(simd, &values(8))];
+        let positive = u16::from(positive[0]) | u16::from(positive[1]) << 8;
+        (rows, vec![x.lt(y), x.le(y), x.gt(y), x.ge(y), positive])
+    }
 
-    macro_rules! binary512 {
-        ($name:ident, $intrinsic:ident) => {
-            #[inline(always)]
-            unsafe fn $name(self, o: Self) -> Self {
-                // SAFETY: the caller enabled AVX-512.
-                unsafe { Avx512($intrinsic(self.0, o.0)) }
-            }
+    /// The same, lane by lane.
+    fn expected(a: &Row, b: &Row) -> Found {
+        let number =
+            |of: &dyn Fn(f32, f32) -> f32| Row(std::array::from_fn(|i| of(a.0[i], b.0[i])));
+        let lane = |of: &dyn Fn(usize) -> f32| Row(std::array::from_fn(of));
+        let bits = |of: &dyn Fn(f32, f32) -> bool| {
+            (0..LANES).fold(0, |m, i| m | u16::from(of(a.0[i], b.0[i])) << i)
         };
+        let sides = [a, b, b, a];
+        let numbers = vec![
+            number(&|x, y| x + y),
+            number(&|x, y| x - y),
+            number(&|x, y| x * y),
+            number(&|x, y| x / y),
+            number(&|x, y| x * y + x),
+            number(&|x, _| x.sqrt()),
+            number(&|x, _| x.abs()),
+            number(&|x, y| if x < y { x } else { y }),
+            number(&|x, y| if x > y { x } else { y }),
+            number(&|x, _| if x < 0.0 { x } else { 0.0 }),
+            lane(&|i| if 0x5a3c >> i & 1 == 1 { a.0[i] } else { b.0[i] }),
+            number(&|x, y| if x < y { x } else { y }),
+            lane(&|i| a.0[i ^ 4]),
+            lane(&|i| sides[i / 4].0[4 + i % 4]),
+        ];
+        let bits = vec![
+            bits(&|x, y| x < y),
+            bits(&|x, y| x <= y),
+            bits(&|x, y| x > y),
+            bits(&|x, y| x >= y),
+            bits(&|x, _| x > 0.0),
+        ];
+        (numbers, bits)
     }
 
-    impl Lanes for Avx512 {
-        #[inline(always)]
-        unsafe fn splat(x: f32) -> Self {
-            // SAFETY: the caller enabled AVX-512.
-            unsafe { Avx512(_mm512_set1_ps(x)) }
-        }
-        #[inline(always)]
-        unsafe fn load(row: &Row) -> Self {
-            // SAFETY: the caller enabled AVX-512; a row is aligned to 64 bytes.
-            unsafe { Avx512(_mm512_load_ps(row.0.as_ptr())) }
-        }
-        #[inline(always)]
-        unsafe fn join([a, b, c, d]: [Vec4; 4]) -> Self {
-            // SAFETY: the caller enabled AVX-512.
-            unsafe {
-                let low = _mm512_castps128_ps512(a.into());
-                let low = _mm512_insertf32x4::<1>(low, b.into());
-                let low = _mm512_insertf32x4::<2>(low, c.into());
-                Avx512(_mm512_insertf32x4::<3>(low, d.into()))
-            }
-        }
-        #[inline(always)]
-        unsafe fn swap_fours(self) -> Self {
-            // SAFETY: the caller enabled AVX-512.
-            unsafe { Avx512(_mm512_shuffle_f32x4::<0b10_11_00_01>(self.0, self.0)) }
-        }
-        #[inline(always)]
-        unsafe fn store(self, row: &mut Row) {
-            // SAFETY: the caller enabled AVX-512; a row is aligned to 64 bytes.
-            unsafe { _mm512_store_ps(row.0.as_mut_ptr(), self.0) }
-        }
-        #[inline(always)]
-        unsafe fn sqrt(self) -> Self {
-            // SAFETY: the caller enabled AVX-512.
-            unsafe { Avx512(_mm512_sqrt_ps(self.0)) }
-        }
-        binary512!(add, _mm512_add_ps);
-        binary512!(sub, _mm512_sub_ps);
-        binary512!(mul, _mm512_mul_ps);
-        binary512!(div, _mm512_div_ps);
-        binary512!(min, _mm512_min_ps);
-        binary512!(max, _mm512_max_ps);
-        #[inline(always)]
-        unsafe fn lt(self, o: Self) -> u16 {
-            // SAFETY: the caller enabled AVX-512.
-            unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, o.0) }
-        }
-        #[inline(always)]
-        unsafe fn le(self, o: Self) -> u16 {
-            // SAFETY: the caller enabled AVX-512.
-            unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, o.0) }
-        }
-        #[inline(always)]
-        unsafe fn select(self, mask: u16, o: Self) -> Self {
-            // SAFETY: the caller enabled AVX-512.
-            unsafe { Avx512(_mm512_mask_blend_ps(mask, o.0, self.0)) }
-        }
-        #[inline(always)]
-        unsafe fn positive(values: &[f64; 8]) -> u8 {
-            // SAFETY: the caller enabled AVX-512; eight values are read.
-            unsafe {
-                let v = _mm512_loadu_pd(values.as_ptr());
-                _mm512_cmp_pd_mask::<_CMP_GT_OQ>(v, _mm512_setzero_pd())
-            }
-        }
-    }
-
-    macro_rules! binary256 {
-        ($name:ident, $intrinsic:ident) => {
-            #[inline(always)]
-            unsafe fn $name(self, o: Self) -> Self {
-                // SAFETY: the caller enabled AVX2.
-                unsafe { Avx2($intrinsic(self.0, o.0), $intrinsic(self.1, o.1)) }
-            }
-        };
-    }
-
-    macro_rules! compare256 {
-        ($name:ident, $predicate:ident) => {
-            #[inline(always)]
-            unsafe fn $name(self, o: Self) -> u16 {
-                // SAFETY: the caller enabled AVX2.
-                unsafe {
-                    let low = _mm256_movemask_ps(_mm256_cmp_ps::<$predicate>(self.0, o.0));
-                    let high = _mm256_movemask_ps(_mm256_cmp_ps::<$predicate>(self.1, o.1));
-                    (low | (high << 8)) as u16
+    #[test]
+    fn all_levels_do_the_same_with_hard_values() {
+        for (name, level) in levels() {
+            for turn in 0..LANES {
+                let (a, b) = (
+                    Row(HARD),
+                    Row(std::array::from_fn(|i| HARD[(i + turn) % LANES])),
+                );
+                let (found, expected) = (
+                    dispatch!(level, simd => operate(simd, &a, &b)),
+                    expected(&a, &b),
+                );
+                for (k, (x, y)) in found.0.iter().zip(&expected.0).enumerate() {
+                    // Only the sign and the payload of a NaN that an operation makes are the machine's.
+                    let bits = |row: &Row| row.0.map(|x| if x.is_nan() { 1 } else { x.to_bits() });
+                    assert_eq!(bits(x), bits(y), "{name}, operation {k}, turn {turn}");
                 }
-            }
-        };
-    }
-
-    impl Lanes for Avx2 {
-        #[inline(always)]
-        unsafe fn splat(x: f32) -> Self {
-            // SAFETY: the caller enabled AVX2.
-            unsafe { Avx2(_mm256_set1_ps(x), _mm256_set1_ps(x)) }
-        }
-        #[inline(always)]
-        unsafe fn load(row: &Row) -> Self {
-            // SAFETY: the caller enabled AVX2; a row is aligned to 64 bytes and has 16 values.
-            unsafe {
-                Avx2(
-                    _mm256_load_ps(row.0.as_ptr()),
-                    _mm256_load_ps(row.0.as_ptr().add(8)),
-                )
-            }
-        }
-        #[inline(always)]
-        unsafe fn join([a, b, c, d]: [Vec4; 4]) -> Self {
-            // SAFETY: the caller enabled AVX2.
-            unsafe {
-                Avx2(
-                    _mm256_set_m128(b.into(), a.into()),
-                    _mm256_set_m128(d.into(), c.into()),
-                )
-            }
-        }
-        #[inline(always)]
-        unsafe fn swap_fours(self) -> Self {
-            // SAFETY: the caller enabled AVX2.
-            unsafe {
-                Avx2(
-                    _mm256_permute2f128_ps::<1>(self.0, self.0),
-                    _mm256_permute2f128_ps::<1>(self.1, self.1),
-                )
-            }
-        }
-        #[inline(always)]
-        unsafe fn store(self, row: &mut Row) {
-            // SAFETY: the caller enabled AVX2; a row is aligned to 64 bytes and has 16 values.
-            unsafe {
-                _mm256_store_ps(row.0.as_mut_ptr(), self.0);
-                _mm256_store_ps(row.0.as_mut_ptr().add(8), self.1);
-            }
-        }
-        #[inline(always)]
-        unsafe fn sqrt(self) -> Self {
-            // SAFETY: the caller enabled AVX2.
-            unsafe { Avx2(_mm256_sqrt_ps(self.0), _mm256_sqrt_ps(self.1)) }
-        }
-        binary256!(add, _mm256_add_ps);
-        binary256!(sub, _mm256_sub_ps);
-        binary256!(mul, _mm256_mul_ps);
-        binary256!(div, _mm256_div_ps);
-        binary256!(min, _mm256_min_ps);
-        binary256!(max, _mm256_max_ps);
-        compare256!(lt, _CMP_LT_OQ);
-        compare256!(le, _CMP_LE_OQ);
-        #[inline(always)]
-        unsafe fn select(self, mask: u16, o: Self) -> Self {
-            // SAFETY: the caller enabled AVX2.
-            unsafe {
-                let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-                let low = _mm256_and_si256(_mm256_set1_epi32(i32::from(mask)), bits);
-                let high = _mm256_and_si256(_mm256_set1_epi32(i32::from(mask >> 8)), bits);
-                let low = _mm256_castsi256_ps(_mm256_cmpeq_epi32(low, bits));
-                let high = _mm256_castsi256_ps(_mm256_cmpeq_epi32(high, bits));
-                Avx2(
-                    _mm256_blendv_ps(o.0, self.0, low),
-                    _mm256_blendv_ps(o.1, self.1, high),
-                )
-            }
-        }
-        #[inline(always)]
-        unsafe fn positive(values: &[f64; 8]) -> u8 {
-            // SAFETY: the caller enabled AVX2; eight values are read.
-            unsafe {
-                let zero = _mm256_setzero_pd();
-                let low = _mm256_loadu_pd(values.as_ptr());
-                let high = _mm256_loadu_pd(values.as_ptr().add(4));
-                let low = _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(low, zero));
-                let high = _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(high, zero));
-                (low | high << 4) as u8
+                assert_eq!(found.1, expected.1, "{name}, turn {turn}");
             }
         }
     }
-}
 
-/// Calls a kernel, compiled for the given [`Level`].
-///
-/// `dispatch!(level => kernel(argument: Type, …) -> Return)`, where `kernel` is an
-/// `#[inline(always)] unsafe fn kernel<S: Lanes>(…)`.
-macro_rules! dispatch {
-    ($level:expr => $kernel:ident($($argument:ident: $type:ty),* $(,)?) $(-> $return:ty)?) => {{
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl,popcnt,bmi1,bmi2")]
-        unsafe fn avx512($($argument: $type),*) $(-> $return)? {
-            // SAFETY: this function enables what the lanes need.
-            unsafe { $kernel::<$crate::simd::Avx512>($($argument),*) }
+    #[test]
+    fn the_level_in_use_is_the_one_asked_for_or_the_best() {
+        let levels = levels();
+        let (name, _) = chosen().unwrap();
+        match std::env::var(VARIABLE) {
+            Ok(asked) if !asked.is_empty() => assert_eq!(name, asked),
+            _ => assert_eq!(name, levels[levels.len() - 1].0),
         }
-        #[cfg(target_arch = "x86_64")]
-        #[target_feature(enable = "avx2,popcnt,bmi1,bmi2")]
-        unsafe fn avx2($($argument: $type),*) $(-> $return)? {
-            // SAFETY: this function enables what the lanes need.
-            unsafe { $kernel::<$crate::simd::Avx2>($($argument),*) }
-        }
-        match $level {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `detect` saw these features, or a level below them was asked for.
-            $crate::simd::Level::Avx512 => unsafe { avx512($($argument),*) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            $crate::simd::Level::Avx2 => unsafe { avx2($($argument),*) },
-            // SAFETY: plain arrays need no features.
-            _ => unsafe { $kernel::<$crate::simd::Row>($($argument),*) },
-        }
-    }};
+    }
 }
-pub(crate) use dispatch;

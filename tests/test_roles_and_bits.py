@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import subprocess
@@ -11,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 import softshadow as ss
+from bits import digest, with_threads
 from closed_forms import FLOOR, MANY, METHODS
 from fuzz.checks import METHODS as SMALL
 from shapes import geodesic
@@ -118,10 +118,7 @@ def test_errors_of_lights_that_share_samples_are_no_larger_than_those_of_one():
 
 
 def _digest(image):
-    h = hashlib.sha256()
-    for array in (image.visibility, image.radiance, image.position, image.triangle_id):
-        h.update(np.ascontiguousarray(array).tobytes())
-    return h.hexdigest()
+    return digest(image.visibility, image.radiance, image.position, image.triangle_id)
 
 
 @pytest.mark.parametrize("pattern", ["per_receiver", "fixed"])
@@ -136,30 +133,71 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(pattern):
     assert len(set(digests)) == 4
 
 
-PROGRAM = """
+def test_the_number_of_threads_changes_no_bit():
+    lights = [WIDE, ss.SphereLight((-1, 0.5, 1.5), 0.3)]
+
+    def digests():
+        return tuple(
+            _digest(ss.render(scene, VIEW, lights, method))
+            for scene in (_penumbra_scene(), _penumbra_scene(opacity=0.3))
+            for method in ("hard", ss.RayTraced(64), ss.RayTraced(64, cull=False))
+        )
+
+    found = with_threads(digests, 1, 2, 7)
+    assert len(found) == 1
+    assert len(set(found.pop())) == 4  # culling changes nothing
+
+
+def _run(program, **variables):
+    """What a program prints, word by word, with variables of the environment set."""
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, **variables},
+        cwd=os.path.dirname(__file__),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    ).stdout.split()
+
+
+LEVELS = """
 import softshadow as ss
-from test_roles_and_bits import VIEW, WIDE, _digest, _penumbra_scene
-lights = [WIDE, ss.SphereLight((-1, 0.5, 1.5), 0.3)]
-for scene in (_penumbra_scene(), _penumbra_scene(opacity=0.3)):
-    for method in ("hard", ss.RayTraced(64), ss.RayTraced(64, cull=False)):
-        print(_digest(ss.render(scene, VIEW, lights, method)))
+from fuzz.checks import METHODS
+from test_roles_and_bits import WIDE, _digest, _penumbra_scene
+print(ss._core.simd_level())
+view = ss.Camera((0.4, -2.2, 2.2), (0, 0, 0.1), width=37, height=27)
+scene = _penumbra_scene()
+scene.add_spheres([(-0.4, 0.3, 0.5)], [0.2])
+lights = [WIDE, ss.SphereLight((-1, 0.5, 1.5), 0.3), ss.DiskLight((0, 2, 1), (0, -2, -1), 0.4)]
+for name, method in METHODS.items():
+    for light in lights:
+        try:
+            print(name, _digest(ss.render(scene, view, light, method)))
+        except ss.UnsupportedError:
+            print(name, "unsupported")
+for method in (ss.RayTraced(64, cull=False), ss.Mtsm(128, samples=64), ss.DeepShadow(128)):
+    print("transparent", _digest(ss.render(_penumbra_scene(opacity=0.3), view, WIDE, method)))
 """
 
 
-def test_the_number_of_threads_changes_no_bit():
-    def run(threads):
-        environment = {**os.environ, "RAYON_NUM_THREADS": str(threads)}
-        return subprocess.run(
-            [sys.executable, "-c", PROGRAM],
-            env=environment,
-            cwd=os.path.dirname(__file__),
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=120,
-        ).stdout.split()
+def _levels():
+    """The machine's SIMD levels, which the error for a bad one lists."""
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        _run("import softshadow", SOFTSHADOW_SIMD="none")
+    message = caught.value.stderr.splitlines()[-1]
+    known = 'ImportError: SOFTSHADOW_SIMD is "none"; this machine has '
+    assert message.startswith(known)
+    return message.removeprefix(known).split(", ")
 
-    one, two, many = run(1), run(2), run(7)
-    assert len(one) == 6
-    assert len(set(one)) == 4  # culling changes nothing
-    assert one == two == many
+
+def test_the_simd_level_changes_no_bit():
+    best, *pictures = _run(LEVELS, SOFTSHADOW_SIMD="")
+    assert len(pictures) > 50
+    levels = _levels()
+    assert levels[0] == "fallback"
+    assert levels[-1] == best
+    for level in levels[:-1]:
+        used, *same = _run(LEVELS, SOFTSHADOW_SIMD=level)
+        assert used == level
+        assert same == pictures, level

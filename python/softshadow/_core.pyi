@@ -30,6 +30,7 @@ __all__ = [
     "kernels",
     "prepare",
     "set_threads",
+    "simd_level",
     "textures",
     "thread_count",
 ]
@@ -99,6 +100,7 @@ class Prepared:
 
 def set_threads(count: int) -> int: ...
 def thread_count() -> int: ...
+def simd_level() -> str: ...
 def prepare(scene: Scene, lights: list[Light], method: Method, progress: _Progress) -> Prepared: ...
 
 @final

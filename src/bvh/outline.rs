@@ -10,6 +10,7 @@
 //! all, the node has no silhouette edge (Sander, Gu, Gortler, Hoppe and Snyder 2000). Edges without
 //! exactly two proper triangles always count.
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -18,7 +19,7 @@ use super::tree::Node;
 use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use crate::simd::{LANES, Lanes, Level, Row, detect};
 
 /// An edge with the normals of its two triangles; zero normals where there are not two proper ones, so
 /// that every point is within doubt of their planes.
@@ -201,9 +202,7 @@ impl Outline {
         out: &mut Vec<EdgePlanes>,
     ) -> bool {
         let outline = self;
-        dispatch!(detect() => candidates_lanes(
-            outline: &Outline, nodes: &[Node], shaft: &Shaft, limit: usize, stack: &mut Vec<u32>,
-            out: &mut Vec<EdgePlanes>) -> bool)
+        dispatch!(detect(), simd => candidates_lanes(simd, outline, nodes, shaft, limit, stack, out))
     }
 
     /// Bytes of edges and cones.
@@ -215,7 +214,8 @@ impl Outline {
 }
 
 #[inline(always)]
-unsafe fn candidates_lanes<S: Lanes>(
+fn candidates_lanes<S: Simd>(
+    simd: S,
     outline: &Outline,
     nodes: &[Node],
     shaft: &Shaft,
@@ -232,8 +232,7 @@ unsafe fn candidates_lanes<S: Lanes>(
         let Some(cone) = outline.cones[i as usize] else {
             continue;
         };
-        // SAFETY: the caller enabled the features of `S`.
-        let meets = unsafe { shaft.meets_box::<S>(node.min.into(), node.max.into()) };
+        let meets = shaft.meets_box(simd, node.min.into(), node.max.into());
         if !meets || shaft.sees_one_side(node, cone) {
             continue;
         }
@@ -242,8 +241,7 @@ unsafe fn candidates_lanes<S: Lanes>(
             continue;
         }
         for edge in outline.edges_of(node) {
-            // SAFETY: the caller enabled the features of `S`.
-            if unsafe { shaft.sees_edge::<S>(edge) } {
+            if shaft.sees_edge(simd, edge) {
                 if out.len() == limit {
                     return false;
                 }
@@ -349,36 +347,31 @@ impl Shaft {
 
     /// Whether a node's box may have a part in the shaft.
     pub fn meets(&self, node: &Node) -> bool {
-        // SAFETY: plain arrays need no features.
-        unsafe { self.meets_box::<Row>(node.min.into(), node.max.into()) }
+        dispatch!(Level::baseline(), simd => self.meets_box(simd, node.min.into(), node.max.into()))
     }
 
     /// Whether a box may have a part in the shaft.
     #[inline(always)]
-    unsafe fn meets_box<S: Lanes>(&self, min: Vec3, max: Vec3) -> bool {
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            let mut nearest = S::splat(0.0);
-            for axis in 0..3 {
-                let rising = S::load(&self.rising[axis]).mul(S::splat(min[axis]));
-                let falling = S::load(&self.falling[axis]).mul(S::splat(max[axis]));
-                nearest = nearest.add(rising.add(falling));
-            }
-            nearest.le(S::load(&self.offset)) == u16::MAX
+    fn meets_box<S: Simd>(&self, simd: S, min: Vec3, max: Vec3) -> bool {
+        let mut nearest = f32x16::splat(simd, 0.0);
+        for axis in 0..3 {
+            let rising = self.rising[axis].load(simd) * min[axis];
+            let falling = self.falling[axis].load(simd) * max[axis];
+            nearest = nearest + (rising + falling);
         }
+        nearest.le(self.offset.load(simd)) == u16::MAX
     }
 
     /// Whether the edge may have a part in the shaft and may be a silhouette edge for a receiver.
     #[inline(always)]
-    unsafe fn sees_edge<S: Lanes>(&self, edge: &EdgePlanes) -> bool {
+    fn sees_edge<S: Simd>(&self, simd: S, edge: &EdgePlanes) -> bool {
         let [a, b] = edge.ends;
         let view = self.center - a;
         let [one, two] = edge.normals.map(|n| n.dot(view));
         // Rounding of the dot product, as where receivers are looked at one by one.
         let reach = self.radius + 1e-6 * view.abs().element_sum();
         let goes_on = one.min(two) > reach || one.max(two) < -reach;
-        // SAFETY: the caller enabled the features of `S`.
-        !goes_on && unsafe { self.meets_box::<S>(a.min(b), a.max(b)) }
+        !goes_on && self.meets_box(simd, a.min(b), a.max(b))
     }
 
     /// Whether all receivers are in front of all triangles with normals in the cone and a corner in

@@ -5,6 +5,7 @@
 
 use std::ops::Range;
 
+use fearless_simd::dispatch;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -12,7 +13,7 @@ use super::Casters;
 use crate::casters::CHUNK;
 use crate::frame::POINT_OFFSET;
 use crate::frame::ROUNDED;
-use crate::simd::{LANES, Lanes, detect, dispatch};
+use crate::simd::{LANES, detect};
 
 /// Most comparisons of triangles with all vertices in the search for those with nothing behind them, some ten
 /// milliseconds: a ground of many triangles makes the view wider instead.
@@ -197,25 +198,14 @@ impl Look {
         }
         let (corners, mut possible) = (&self.corners, [true; BLOCK]);
         let out = &mut possible;
-        dispatch!(detect() => look_lanes(
-            corners: &[[Column; 3]; 3], eye: DVec3, extremes: &[DVec3], out: &mut [bool; BLOCK],
-        ));
+        dispatch!(detect(), _ => look_lanes(corners, eye, extremes, out));
         possible
     }
 }
 
-/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
+/// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-unsafe fn look_lanes<S: Lanes>(
-    corners: &[[Column; 3]; 3],
-    eye: DVec3,
-    extremes: &[DVec3],
-    out: &mut [bool; BLOCK],
-) {
+fn look_lanes(corners: &[[Column; 3]; 3], eye: DVec3, extremes: &[DVec3], out: &mut [bool; BLOCK]) {
     let [a, b, c] = corners;
     let at = |[x, y, z]: &[Column; 3], i: usize| DVec3::new(x[i], y[i], z[i]);
     let (mut normal, mut limit) = ([[0.0; BLOCK]; 3], [0.0; BLOCK]);
@@ -282,23 +272,14 @@ fn largest(positions: &[Vec3]) -> [[f32; 2]; 7] {
             (columns[0][i], columns[1][i], columns[2][i]) = (p.x, p.y, p.z);
         }
         let (from, into) = (&columns, &mut most);
-        dispatch!(detect() => largest_lanes(
-            from: &[[f32; BLOCK]; 3], into: &mut [[[f32; LANES]; 2]; 7],
-        ));
+        dispatch!(detect(), _ => largest_lanes(from, into));
     }
     most.map(|sides| sides.map(|lanes| lanes.into_iter().fold(f32::NEG_INFINITY, f32::max)))
 }
 
 /// As [`look_lanes`].
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
 #[inline(always)]
-unsafe fn largest_lanes<S: Lanes>(
-    [x, y, z]: &[[f32; BLOCK]; 3],
-    most: &mut [[[f32; LANES]; 2]; 7],
-) {
+fn largest_lanes([x, y, z]: &[[f32; BLOCK]; 3], most: &mut [[[f32; LANES]; 2]; 7]) {
     for (k, d) in DIRECTIONS.iter().enumerate() {
         let [mut up, mut down] = most[k];
         for block in 0..BLOCK / LANES {

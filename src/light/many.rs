@@ -1,11 +1,12 @@
 //! Unshadowed light without branches: Lambert's contour formula for straight edges, and spheres; for one
 //! receiver, or many in registers.
 
+use fearless_simd::dispatch;
 use glam::DVec3;
 
 use super::contour::{edge, rect_corners, sphere_irradiance};
 use super::{Light, Rect, Shape, Sphere};
-use crate::simd::{Lanes, detect, dispatch};
+use crate::simd::detect;
 
 /// Receivers at once.
 pub(crate) const MOST: usize = 64;
@@ -68,36 +69,31 @@ impl Many {
     fn find(&mut self, outline: Outline, irradiance: bool) {
         let many = self;
         match (outline, irradiance) {
-            (Outline::Rect(center, u, v), false) => dispatch!(detect() => rect_height(
-                many: &mut Many, center: DVec3, u: DVec3, v: DVec3)),
-            (Outline::Rect(center, u, v), true) => dispatch!(detect() => rect_irradiance(
-                many: &mut Many, center: DVec3, u: DVec3, v: DVec3)),
-            (Outline::Sphere(center, radius), _) => dispatch!(detect() => sphere(
-                many: &mut Many, center: DVec3, radius: f64)),
+            (Outline::Rect(center, u, v), false) => {
+                dispatch!(detect(), _ => rect_height(many, center, u, v))
+            }
+            (Outline::Rect(center, u, v), true) => {
+                dispatch!(detect(), _ => rect_irradiance(many, center, u, v))
+            }
+            (Outline::Sphere(center, radius), _) => {
+                dispatch!(detect(), _ => sphere(many, center, radius))
+            }
         }
     }
 }
 
-// Free of branches, for the compiler's vectoriser; the types say what `dispatch!` compiles them for.
+// Free of branches, for the compiler's vectoriser.
 
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
 #[inline(always)]
-unsafe fn rect_height<S: Lanes>(many: &mut Many, center: DVec3, u: DVec3, v: DVec3) {
+fn rect_height(many: &mut Many, center: DVec3, u: DVec3, v: DVec3) {
     for i in 0..MOST {
         let (p, n) = many.at(i);
         many.height[i] = lowest(&rect_corners(center - p, u, v), n);
     }
 }
 
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
 #[inline(always)]
-unsafe fn rect_irradiance<S: Lanes>(many: &mut Many, center: DVec3, u: DVec3, v: DVec3) {
+fn rect_irradiance(many: &mut Many, center: DVec3, u: DVec3, v: DVec3) {
     for i in 0..MOST {
         let (p, n) = many.at(i);
         let corners = rect_corners(center - p, u, v);
@@ -109,12 +105,8 @@ unsafe fn rect_irradiance<S: Lanes>(many: &mut Many, center: DVec3, u: DVec3, v:
     }
 }
 
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
 #[inline(always)]
-unsafe fn sphere<S: Lanes>(many: &mut Many, center: DVec3, radius: f64) {
+fn sphere(many: &mut Many, center: DVec3, radius: f64) {
     for i in 0..MOST {
         let (p, n) = many.at(i);
         let d = center - p;

@@ -12,12 +12,13 @@
 //! where it cannot tell; a face that the point sees edge-on covers nothing and has no side, so that its other
 //! edges take over its part of the outline.
 
+use fearless_simd::dispatch;
 use glam::DVec3;
 use rayon::prelude::*;
 use robust::{Coord3D, orient3d};
 
 use super::adjacency::Adjacency;
-use crate::simd::{Lanes, detect, dispatch};
+use crate::simd::detect;
 
 /// Faces or edges that one task looks at: enough to outweigh a task, and a multiple of [`BLOCK`].
 const CHUNK: usize = 8192;
@@ -87,13 +88,9 @@ fn exact_side_of(corners: [DVec3; 3], point: DVec3) -> i8 {
 /// Corners of faces: coordinate `k` of corner `c` of all of them in `[c][k]`.
 type Corners = [[[f64; BLOCK]; 3]; 3];
 
-/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
+/// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-unsafe fn filter_lanes<S: Lanes>(corners: &Corners, point: DVec3, side: &mut [i8; BLOCK]) {
+fn filter_lanes(corners: &Corners, point: DVec3, side: &mut [i8; BLOCK]) {
     for (i, side) in side.iter_mut().enumerate() {
         let [a, b, c] = corners;
         *side = filtered([corner(a, i), corner(b, i), corner(c, i)], point);
@@ -119,7 +116,7 @@ fn sides(position: impl Fn(u32) -> DVec3, faces: &[[u32; 3]], point: DVec3, side
         }
         let mut found = [0; BLOCK];
         let (of, into) = (&corners, &mut found);
-        dispatch!(level => filter_lanes(of: &Corners, point: DVec3, into: &mut [i8; BLOCK]));
+        dispatch!(level, _ => filter_lanes(of, point, into));
         side.copy_from_slice(&found[..faces.len()]);
         for (side, f) in side.iter_mut().zip(faces) {
             if *side == 0 {

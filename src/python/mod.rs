@@ -29,6 +29,7 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyType};
 
 use crate::error::{Error, Kind};
+use crate::simd;
 
 #[global_allocator]
 static ALLOCATOR: allocator::Allocator = allocator::Allocator;
@@ -87,9 +88,18 @@ impl From<Error> for PyErr {
     }
 }
 
+/// The name of the SIMD level that kernels run at.
+#[pyfunction]
+fn simd_level() -> &'static str {
+    simd::chosen().map_or("", |(name, _)| name)
+}
+
 #[pymodule]
 mod _core {
+    use pyo3::exceptions::PyImportError;
     use pyo3::prelude::*;
+
+    use crate::simd;
 
     #[pymodule_export]
     use super::camera::PyCamera;
@@ -104,7 +114,7 @@ mod _core {
     #[pymodule_export]
     use super::scene::PyScene;
     #[pymodule_export]
-    use super::{ParameterError, SceneError, UnsupportedError};
+    use super::{ParameterError, SceneError, UnsupportedError, simd_level};
 
     #[pymodule_export]
     use super::pool::{set_threads, thread_count};
@@ -115,6 +125,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         super::run::quiet_when_exhausted();
+        simd::chosen().map_err(PyImportError::new_err)?;
         module.add("OutOfMemoryError", super::out_of_memory(module.py())?)
     }
 

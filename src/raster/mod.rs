@@ -20,6 +20,7 @@ pub mod nearest;
 pub mod setup;
 mod small;
 
+use fearless_simd::{Simd, dispatch};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -27,7 +28,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
 use crate::memory::filled;
-use crate::simd::{Lanes, detect, dispatch};
+use crate::simd::detect;
 use bins::{Bins, Item};
 use coverage::{Quadrilateral, Rows};
 use nearest::NONE;
@@ -299,10 +300,7 @@ fn fill<T: Sink>(
             // A generic item cannot be named inside the functions that `dispatch!` makes, hence the trait
             // object; it is called once a span.
             let sink: &mut dyn Sink = sink;
-            dispatch!(detect() => fill_lanes(
-                faces: &[[u32; 3]], points: &[DVec3], items: &[Item], camera: &Camera, tile: Tile,
-                sink: &mut dyn Sink,
-            ));
+            dispatch!(detect(), simd => fill_lanes(simd, faces, points, items, camera, tile, sink));
         } else {
             for item in items {
                 let (x, y) = (item.pixel % TILE, item.pixel / TILE);
@@ -315,7 +313,8 @@ fn fill<T: Sink>(
 /// Compiled once per instruction set; the loops over a block's pixels are left to the compiler's
 /// vectoriser, which turns these few independent `f64` operations into whole registers.
 #[inline(always)]
-unsafe fn fill_lanes<S: Lanes>(
+fn fill_lanes<S: Simd>(
+    simd: S,
     faces: &[[u32; 3]],
     points: &[DVec3],
     items: &[Item],
@@ -328,21 +327,19 @@ unsafe fn fill_lanes<S: Lanes>(
         if setup::is_in_front(face, points) {
             if let Some(setup) = setup::triangle(face, points, camera) {
                 sink.surface(triangle, &setup);
-                // SAFETY: the caller enabled the features of `S`.
-                unsafe { fill_one::<S>(&setup, triangle, tile, sink) };
+                fill_one(simd, &setup, triangle, tile, sink);
             }
         } else {
             for setup in setup::clipped(face, points, camera).iter().flatten() {
                 sink.surface(triangle, setup);
-                // SAFETY: the caller enabled the features of `S`.
-                unsafe { fill_one::<S>(setup, triangle, tile, sink) };
+                fill_one(simd, setup, triangle, tile, sink);
             }
         }
     }
 }
 
 #[inline(always)]
-unsafe fn fill_one<S: Lanes>(setup: &Setup, triangle: u32, tile: Tile, sink: &mut dyn Sink) {
+fn fill_one<S: Simd>(simd: S, setup: &Setup, triangle: u32, tile: Tile, sink: &mut dyn Sink) {
     let (x_start, y_start) = (setup.low[0].max(tile.x), setup.low[1].max(tile.y));
     let x_end = setup.high[0].min(tile.x + tile.width - 1);
     let y_end = setup.high[1].min(tile.y + tile.height - 1);
@@ -366,8 +363,7 @@ unsafe fn fill_one<S: Lanes>(setup: &Setup, triangle: u32, tile: Tile, sink: &mu
         while x <= x_end {
             let block = Block::new(shape, x, y);
             let within = shape.first(x_end - x + 1, y_end - y + 1);
-            // SAFETY: the caller enabled the features of `S`.
-            let mask = unsafe { setup.inside::<S>(&block, within) };
+            let mask = setup.inside(simd, &block, within);
             if mask != 0 {
                 let depth = setup.inverse_depth(&block);
                 for row in 0..rows {

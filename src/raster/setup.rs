@@ -7,12 +7,13 @@
 //! top-left rule does. The near plane, [`NEAR`] of the scene's size in front of the eye, cuts edges at
 //! a point that depends on the edge alone.
 
+use fearless_simd::Simd;
 use glam::DVec3;
 
 use super::SPAN;
 use super::depth::{self, Depth};
 use crate::camera::{Camera, MAX_SIZE};
-use crate::simd::Lanes;
+use crate::simd::positive;
 
 /// Distance of the near plane in local units, in which the scene's half-extent is between ½ and 1:
 /// far below what can be seen, far above the `f64` rounding of a projected point.
@@ -213,11 +214,8 @@ impl Setup {
     }
 
     /// Which of the pixels `within` a block are inside.
-    ///
-    /// # Safety
-    /// As for every function of [`Lanes`].
     #[inline(always)]
-    pub unsafe fn inside<S: Lanes>(&self, block: &Block, within: u8) -> u8 {
+    pub fn inside<S: Simd>(&self, simd: S, block: &Block, within: u8) -> u8 {
         // Smallest edge function, and smallest distance of one from what could be rounding.
         let (mut inside, mut clear) = ([f64::INFINITY; SPAN], [f64::INFINITY; SPAN]);
         for e in &self.edges {
@@ -229,8 +227,7 @@ impl Setup {
                 clear[i] = smaller(distance, clear[i]);
             }
         }
-        // SAFETY: the caller enabled the features of `S`.
-        let (inside, clear) = unsafe { (S::positive(&inside), S::positive(&clear)) };
+        let (inside, clear) = (positive(simd, &inside), positive(simd, &clear));
         if within & !clear == 0 {
             inside & within
         } else {

@@ -7,13 +7,14 @@
 //! rounding, where a corner is behind the near plane or very far off, and where there are more pixels, the
 //! triangle is left to it.
 
+use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
 use super::SPAN;
 use super::depth::Depth;
 use super::setup::{self, SHAPES, Shape};
 use crate::camera::Camera;
-use crate::simd::{Lanes, detect, dispatch};
+use crate::simd::{detect, positive};
 
 /// Triangles that are looked at together.
 pub(super) const BLOCK: usize = 64;
@@ -124,7 +125,7 @@ impl Block {
             }
         }
         let (block, size) = (self, [camera.width as i32, camera.height as i32]);
-        dispatch!(detect() => look_lanes(block: &mut Block, size: [i32; 2]));
+        dispatch!(detect(), simd => look_lanes(simd, block, size));
     }
 
     /// Finds the depth of the triangles of few pixels, of those that [`Block::look`] was given.
@@ -142,7 +143,7 @@ impl Block {
             }
         }
         let block = self;
-        dispatch!(detect() => depth_lanes(block: &mut Block, count: usize));
+        dispatch!(detect(), _ => depth_lanes(block, count));
     }
 
     /// What triangle `i` covers.
@@ -167,11 +168,8 @@ impl Block {
     }
 
     /// Finds the pixels of triangle `i`, of those between its bounds.
-    ///
-    /// # Safety
-    /// As for every function of [`Lanes`].
     #[inline(always)]
-    unsafe fn find<S: Lanes>(&mut self, i: usize) {
+    fn find<S: Simd>(&mut self, simd: S, i: usize) {
         let mut edges = [([0.0; 2], [0.0; 2]); 3];
         for (a, of) in edges.iter_mut().enumerate() {
             let b = (a + 1) % 3;
@@ -200,9 +198,11 @@ impl Block {
                     clear[j] = setup::smaller(distance, clear[j]);
                 }
             }
-            // SAFETY: the caller enabled the features of `S`.
-            let (left, right, clear) =
-                unsafe { (S::positive(&least), S::positive(&most), S::positive(&clear)) };
+            let (left, right, clear) = (
+                positive(simd, &least),
+                positive(simd, &most),
+                positive(simd, &clear),
+            );
             if within & !clear != 0 {
                 self.what[i] = MORE;
                 return;
@@ -251,7 +251,7 @@ fn centres(low: f64, high: f64, size: i32) -> (i32, i32) {
 
 /// The first loop is free of branches, for the compiler's vectoriser.
 #[inline(always)]
-unsafe fn look_lanes<S: Lanes>(block: &mut Block, size: [i32; 2]) {
+fn look_lanes<S: Simd>(simd: S, block: &mut Block, size: [i32; 2]) {
     for i in 0..BLOCK {
         let x = [block.x[0][i], block.x[1][i], block.x[2][i]];
         let y = [block.y[0][i], block.y[1][i], block.y[2][i]];
@@ -295,19 +295,14 @@ unsafe fn look_lanes<S: Lanes>(block: &mut Block, size: [i32; 2]) {
     }
     for i in 0..BLOCK {
         if block.what[i] == FEW && block.mask[i] == 0 {
-            // SAFETY: the caller enabled the features of `S`.
-            unsafe { block.find::<S>(i) };
+            block.find(simd, i);
         }
     }
 }
 
-/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
+/// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-unsafe fn depth_lanes<S: Lanes>(block: &mut Block, count: usize) {
+fn depth_lanes(block: &mut Block, count: usize) {
     let [a, b, c] = &block.corners;
     let at = |[x, y, z]: &[Column<f64>; 3], k: usize| DVec3::new(x[k], y[k], z[k]);
     for k in 0..count.min(BLOCK) {

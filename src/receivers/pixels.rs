@@ -1,9 +1,10 @@
 //! Where the rays through pixels meet the triangles that they hit, for many pixels at once.
 
+use fearless_simd::dispatch;
 use glam::{DVec3, Vec3};
 
 use crate::camera::Camera;
-use crate::simd::{Lanes, detect, dispatch};
+use crate::simd::detect;
 
 /// Most pixels at once: a block of 8×8.
 pub(crate) const MOST: usize = 64;
@@ -62,7 +63,7 @@ impl Pixels {
     /// Finds the points; those of pixels that were not set mean nothing.
     pub(crate) fn find(&mut self, camera: &Camera) {
         let pixels = self;
-        dispatch!(detect() => find_lanes(pixels: &mut Pixels, camera: &Camera));
+        dispatch!(detect(), _ => find_lanes(pixels, camera));
     }
 
     /// Position and normal of pixel `i`, once found.
@@ -73,13 +74,9 @@ impl Pixels {
     }
 }
 
-/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
+/// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-unsafe fn find_lanes<S: Lanes>(pixels: &mut Pixels, camera: &Camera) {
+fn find_lanes(pixels: &mut Pixels, camera: &Camera) {
     for i in 0..MOST {
         let d = camera.direction(pixels.x[i], pixels.y[i]);
         let corner = |k: usize| {

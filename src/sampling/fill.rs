@@ -1,5 +1,6 @@
 //! From the pattern's points to light points and their weights, sixteen at a time.
 
+use fearless_simd::{f32x16, prelude::*};
 use glam::Vec3;
 
 use super::shapes::{Cap, Flat};
@@ -28,40 +29,48 @@ pub(super) fn coordinates(
 }
 
 #[inline(always)]
-unsafe fn splat<S: Lanes>(v: Vec3) -> [S; 3] {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { [S::splat(v.x), S::splat(v.y), S::splat(v.z)] }
+fn splat<S: Simd>(simd: S, v: Vec3) -> [f32x16<S>; 3] {
+    [
+        f32x16::splat(simd, v.x),
+        f32x16::splat(simd, v.y),
+        f32x16::splat(simd, v.z),
+    ]
 }
 
 #[inline(always)]
-unsafe fn dot<S: Lanes>(a: &[S; 3], b: &[S; 3]) -> S {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2])) }
+fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `c + u x + v y`
 #[inline(always)]
-unsafe fn combine<S: Lanes>(c: &[S; 3], u: &[S; 3], v: &[S; 3], x: S, y: S) -> [S; 3] {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        [
-            c[0].add(u[0].mul(x)).add(v[0].mul(y)),
-            c[1].add(u[1].mul(x)).add(v[1].mul(y)),
-            c[2].add(u[2].mul(x)).add(v[2].mul(y)),
-        ]
-    }
+fn combine<S: Simd>(
+    c: &[f32x16<S>; 3],
+    u: &[f32x16<S>; 3],
+    v: &[f32x16<S>; 3],
+    x: f32x16<S>,
+    y: f32x16<S>,
+) -> [f32x16<S>; 3] {
+    [
+        c[0] + u[0] * x + v[0] * y,
+        c[1] + u[1] * x + v[1] * y,
+        c[2] + u[2] * x + v[2] * y,
+    ]
 }
 
 /// Stores a row of samples; the weights of invalid ones are 0.
 #[inline(always)]
-unsafe fn put<S: Lanes>(out: &mut LightSamples, r: usize, point: &[S; 3], weight: S, valid: u16) {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        for (axis, value) in out.points.iter_mut().zip(point) {
-            value.store(&mut axis[r]);
-        }
-        weight.store(&mut out.weights[r]);
+fn put<S: Simd>(
+    out: &mut LightSamples,
+    r: usize,
+    point: &[f32x16<S>; 3],
+    weight: f32x16<S>,
+    valid: u16,
+) {
+    for (axis, value) in out.points.iter_mut().zip(point) {
+        axis[r].set(*value);
     }
+    out.weights[r].set(weight);
     for (lane, weight) in out.weights[r].0.iter_mut().enumerate() {
         *weight = if valid >> lane & 1 == 1 { *weight } else { 0.0 };
     }
@@ -69,7 +78,8 @@ unsafe fn put<S: Lanes>(out: &mut LightSamples, r: usize, point: &[S; 3], weight
 }
 
 #[inline(always)]
-pub(super) unsafe fn fill_flat<S: Lanes>(
+pub(super) fn fill_flat<S: Simd>(
+    simd: S,
     flat: &Flat,
     pattern: &Pattern,
     scramble: [u32; 2],
@@ -78,39 +88,37 @@ pub(super) unsafe fn fill_flat<S: Lanes>(
     out: &mut LightSamples,
 ) {
     let has_normal = n != Vec3::ZERO;
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let c = splat::<S>(flat.center.as_vec3());
-        let u = splat::<S>(flat.u.as_vec3());
-        let v = splat::<S>(flat.v.as_vec3());
-        let m = splat::<S>(flat.normal.as_vec3());
-        let p = splat::<S>(p);
-        let n = splat::<S>(n);
-        let zero = S::splat(0.0);
-        let scale = S::splat((flat.area / pattern.len() as f64) as f32);
-        for r in 0..out.valid.len() {
-            let (x, y) = coordinates(pattern, r, scramble, flat.disk);
-            (out.coordinates[0][r], out.coordinates[1][r]) = (x, y);
-            let l = combine(&c, &u, &v, S::load(&x), S::load(&y));
-            let d = [l[0].sub(p[0]), l[1].sub(p[1]), l[2].sub(p[2])];
-            let facing = zero.sub(dot(&m, &d));
-            let squared = dot(&d, &d);
-            let above = if has_normal {
-                dot(&n, &d)
-            } else {
-                squared.sqrt()
-            };
-            // Light points are POINT_OFFSET off the light; the bound only guards a receiver in that gap.
-            // Divided twice, since the fourth power overflows from 4e9 scene sizes on.
-            let bound = squared.max(S::splat(1e-15));
-            let weight = scale.mul(facing.div(bound)).mul(above.div(bound));
-            put(out, r, &l, weight, zero.lt(facing) & zero.lt(above));
-        }
+    let c = splat(simd, flat.center.as_vec3());
+    let u = splat(simd, flat.u.as_vec3());
+    let v = splat(simd, flat.v.as_vec3());
+    let m = splat(simd, flat.normal.as_vec3());
+    let p = splat(simd, p);
+    let n = splat(simd, n);
+    let zero = f32x16::splat(simd, 0.0);
+    let scale = f32x16::splat(simd, (flat.area / pattern.len() as f64) as f32);
+    for r in 0..out.valid.len() {
+        let (x, y) = coordinates(pattern, r, scramble, flat.disk);
+        (out.coordinates[0][r], out.coordinates[1][r]) = (x, y);
+        let l = combine(&c, &u, &v, x.load(simd), y.load(simd));
+        let d = [l[0] - p[0], l[1] - p[1], l[2] - p[2]];
+        let facing = zero - dot(&m, &d);
+        let squared = dot(&d, &d);
+        let above = if has_normal {
+            dot(&n, &d)
+        } else {
+            squared.sqrt()
+        };
+        // Light points are POINT_OFFSET off the light; the bound only guards a receiver in that gap.
+        // Divided twice, since the fourth power overflows from 4e9 scene sizes on.
+        let bound = squared.greater(1e-15);
+        let weight = scale * (facing / bound) * (above / bound);
+        put(out, r, &l, weight, zero.lt(facing) & zero.lt(above));
     }
 }
 
 #[inline(always)]
-pub(super) unsafe fn fill_cap<S: Lanes>(
+pub(super) fn fill_cap<S: Simd>(
+    simd: S,
     cap: &Cap,
     pattern: &Pattern,
     scramble: [u32; 2],
@@ -120,47 +128,47 @@ pub(super) unsafe fn fill_cap<S: Lanes>(
     out: &mut LightSamples,
 ) {
     let has_normal = n != Vec3::ZERO;
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let axis = splat::<S>(cap.axis.as_vec3());
-        let e1 = splat::<S>(cap.e1.as_vec3());
-        let e2 = splat::<S>(cap.e2.as_vec3());
-        let p = splat::<S>(p);
-        let n = splat::<S>(n);
-        let (zero, one, two) = (S::splat(0.0), S::splat(1.0), S::splat(2.0));
-        let height = S::splat(cap.height as f32);
-        let distance = S::splat(cap.distance as f32);
-        let squared_distance = distance.mul(distance);
-        let squared_radius = S::splat(cap.radius as f32 * cap.radius as f32);
-        let solid_angle = (std::f64::consts::TAU * cap.height / pattern.len() as f64) as f32;
-        let cotangent = S::splat((cap.cos / cap.sin.max(1e-30)) as f32);
-        for r in 0..out.valid.len() {
-            let (x, y) = coordinates(pattern, r, scramble, true);
-            let (x, y) = (S::load(&x), S::load(&y));
-            // Equal-area map of the disk onto the cap: 1 - cos θ = r² (1 - cos σ).
-            let fall = x.mul(x).add(y.mul(y)).mul(height);
-            let cos = one.sub(fall);
-            let stretch = height.mul(two.sub(fall)).sqrt();
-            let along = [axis[0].mul(cos), axis[1].mul(cos), axis[2].mul(cos)];
-            let direction = combine(&along, &e1, &e2, x.mul(stretch), y.mul(stretch));
-            let sin2 = fall.mul(two.sub(fall));
-            let reach = squared_radius
-                .sub(squared_distance.mul(sin2))
-                .max(zero)
-                .sqrt();
-            let t = distance.mul(cos).sub(reach).sub(S::splat(offset));
-            let l = [
-                p[0].add(direction[0].mul(t)),
-                p[1].add(direction[1].mul(t)),
-                p[2].add(direction[2].mul(t)),
-            ];
-            let above = if has_normal { dot(&n, &direction) } else { one };
-            put(out, r, &l, S::splat(solid_angle).mul(above), zero.lt(above));
-            // Onto the plane that touches the unit sphere at the axis, the cap's edge at 1.
-            let gnomonic = stretch.mul(cotangent).div(cos.max(S::splat(1e-9)));
-            x.mul(gnomonic).store(&mut out.coordinates[0][r]);
-            y.mul(gnomonic).store(&mut out.coordinates[1][r]);
-        }
+    let axis = splat(simd, cap.axis.as_vec3());
+    let e1 = splat(simd, cap.e1.as_vec3());
+    let e2 = splat(simd, cap.e2.as_vec3());
+    let p = splat(simd, p);
+    let n = splat(simd, n);
+    let (zero, one, two) = (
+        f32x16::splat(simd, 0.0),
+        f32x16::splat(simd, 1.0),
+        f32x16::splat(simd, 2.0),
+    );
+    let height = f32x16::splat(simd, cap.height as f32);
+    let distance = f32x16::splat(simd, cap.distance as f32);
+    let squared_distance = distance * distance;
+    let squared_radius = f32x16::splat(simd, cap.radius as f32 * cap.radius as f32);
+    let solid_angle = (std::f64::consts::TAU * cap.height / pattern.len() as f64) as f32;
+    let cotangent = f32x16::splat(simd, (cap.cos / cap.sin.max(1e-30)) as f32);
+    for r in 0..out.valid.len() {
+        let (x, y) = coordinates(pattern, r, scramble, true);
+        let (x, y) = (x.load(simd), y.load(simd));
+        // Equal-area map of the disk onto the cap: 1 - cos θ = r² (1 - cos σ).
+        let fall = (x * x + y * y) * height;
+        let cos = one - fall;
+        let stretch = (height * (two - fall)).sqrt();
+        let along = [axis[0] * cos, axis[1] * cos, axis[2] * cos];
+        let direction = combine(&along, &e1, &e2, x * stretch, y * stretch);
+        let sin2 = fall * (two - fall);
+        let reach = (squared_radius - squared_distance * sin2)
+            .greater(zero)
+            .sqrt();
+        let t = distance * cos - reach - offset;
+        let l = [
+            p[0] + direction[0] * t,
+            p[1] + direction[1] * t,
+            p[2] + direction[2] * t,
+        ];
+        let above = if has_normal { dot(&n, &direction) } else { one };
+        put(out, r, &l, solid_angle * above, zero.lt(above));
+        // Onto the plane that touches the unit sphere at the axis, the cap's edge at 1.
+        let gnomonic = stretch * cotangent / cos.greater(1e-9);
+        out.coordinates[0][r].set(x * gnomonic);
+        out.coordinates[1][r].set(y * gnomonic);
     }
 }
 

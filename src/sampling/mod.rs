@@ -33,11 +33,12 @@ mod shared;
 
 use std::f64::consts::PI;
 
+use fearless_simd::dispatch;
 use glam::{DVec3, Vec3};
 
 use crate::frame::POINT_OFFSET;
 use crate::light::{Disk, Light, Rect, Shape};
-use crate::simd::{LANES, Row, detect, dispatch};
+use crate::simd::{LANES, Row, detect};
 pub use cells::{GRID, View, WHOLE, cell_place, grid_index};
 use fill::{fill_cap, fill_flat};
 pub use pattern::Pattern;
@@ -176,17 +177,13 @@ impl Sampler {
         match (&self.flat, Cap::new(&self.light, p)) {
             (Some(flat), _) => {
                 let (pattern, p, n) = (&self.pattern, p.as_vec3(), n.as_vec3());
-                dispatch!(detect() => fill_flat(
-                    flat: &Flat, pattern: &Pattern, scramble: [u32; 2], p: Vec3, n: Vec3,
-                    out: &mut LightSamples));
+                dispatch!(detect(), simd => fill_flat(simd, flat, pattern, scramble, p, n, out));
             }
             (None, Some(cap)) => {
                 let size = cap.distance + self.light.center().abs().max_element().max(1.0);
                 let offset = (POINT_OFFSET * size) as f32;
                 let (pattern, p, n, cap) = (&self.pattern, p.as_vec3(), n.as_vec3(), &cap);
-                dispatch!(detect() => fill_cap(
-                    cap: &Cap, pattern: &Pattern, scramble: [u32; 2], p: Vec3, n: Vec3, offset: f32,
-                    out: &mut LightSamples));
+                dispatch!(detect(), simd => fill_cap(simd, cap, pattern, scramble, p, n, offset, out));
             }
             (None, None) => {
                 // Inside a sphere: it emits outwards only.

@@ -15,6 +15,7 @@
 //! A light point under the receiver's plane, and a texel behind a flat light, do not see each other. What
 //! lets a part of the light through multiplies at every crossing.
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -26,7 +27,7 @@ use crate::error::Result;
 use crate::light::{Light, Sphere};
 use crate::raster::coverage::{Bitmap, Projected, cover, cover_facing};
 use crate::sampling::{Pattern, Sampler, SharedPoint};
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use crate::simd::{LANES, Lanes, Row, detect};
 
 /// Most light points drawn at once: their bitmaps are kept until the texels add them up.
 const BATCH: usize = 64;
@@ -207,8 +208,7 @@ impl Texture {
                     weight,
                 },
             );
-            dispatch!(detect() => add_row(
-                grid: &Grid, shadows: &[Shadow], y: usize, sums: Sums<'_>));
+            dispatch!(detect(), simd => add_row(simd, grid, shadows, y, sums));
         };
         let mut lights = self.light.chunks_mut(stride);
         let mut weights = self.weight.chunks_mut(stride);
@@ -321,8 +321,7 @@ fn draw(occluders: &Occluders, side: &Side, point: DVec3, size: [u32; 2], beam: 
         return shadow;
     };
     let (stride, shadow_of) = ((width as usize).div_ceil(LANES), &mut shadow);
-    dispatch!(detect() => draw_lanes(
-        occluders: &Occluders, view: &Camera, stride: usize, shadow_of: &mut Shadow));
+    dispatch!(detect(), _ => draw_lanes(occluders, view, stride, shadow_of));
     shadow
 }
 
@@ -336,18 +335,9 @@ fn solid_angle(light: &Light, p: DVec3) -> f64 {
     std::f64::consts::TAU * sin * sin / (1.0 + cos)
 }
 
-/// Draws the occluders; the type says what `dispatch!` compiles it for.
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
+/// Draws the occluders.
 #[inline(always)]
-unsafe fn draw_lanes<S: Lanes>(
-    occluders: &Occluders,
-    view: &Camera,
-    stride: usize,
-    shadow: &mut Shadow,
-) {
+fn draw_lanes(occluders: &Occluders, view: &Camera, stride: usize, shadow: &mut Shadow) {
     let points: Vec<Projected> = occluders
         .points
         .iter()
@@ -399,98 +389,100 @@ struct Sums<'a> {
 }
 
 #[inline(always)]
-unsafe fn splat<S: Lanes>(v: Vec3) -> [S; 3] {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { [S::splat(v.x), S::splat(v.y), S::splat(v.z)] }
+fn splat<S: Simd>(simd: S, v: Vec3) -> [f32x16<S>; 3] {
+    [
+        f32x16::splat(simd, v.x),
+        f32x16::splat(simd, v.y),
+        f32x16::splat(simd, v.z),
+    ]
 }
 
 #[inline(always)]
-unsafe fn dot<S: Lanes>(a: &[S; 3], b: &[S; 3]) -> S {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2])) }
+fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Adds a batch's shadows to a row of texels, sixteen texels after the other.
 #[inline(always)]
-unsafe fn add_row<S: Lanes>(grid: &Grid, shadows: &[Shadow], y: usize, sums: Sums<'_>) {
+fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Sums<'_>) {
     let [width, height] = grid.size;
     let v = (y as f64 + 0.5) / f64::from(height);
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
-        // The bound only guards a texel that touches the light.
-        let least = S::splat(1e-15);
-        let minus_normal = splat::<S>(-grid.normal);
-        for block in 0..sums.seen.len() {
-            let mut at = [Row::default(); 3];
-            for lane in 0..LANES {
-                let u = ((block * LANES + lane) as f64 + 0.5) / f64::from(width);
-                let p = grid.side.bounds.at(u, v).as_vec3();
-                for axis in 0..3 {
-                    at[axis].0[lane] = p[axis];
-                }
+    let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
+    // The bound only guards a texel that touches the light.
+    let least = f32x16::splat(simd, 1e-15);
+    let minus_normal = splat(simd, -grid.normal);
+    for block in 0..sums.seen.len() {
+        let mut at = [Row::default(); 3];
+        for lane in 0..LANES {
+            let u = ((block * LANES + lane) as f64 + 0.5) / f64::from(width);
+            let p = grid.side.bounds.at(u, v).as_vec3();
+            for axis in 0..3 {
+                at[axis].0[lane] = p[axis];
             }
-            let p = [S::load(&at[0]), S::load(&at[1]), S::load(&at[2])];
-            let from = |beam: &Beam| {
-                let l = splat::<S>(beam.position);
-                [l[0].sub(p[0]), l[1].sub(p[1]), l[2].sub(p[2])]
-            };
-            let in_front = match grid.kind {
-                Kind::Flat => zero.lt(dot(&minus_normal, &from(&shadows[0].beam))),
-                _ => u16::MAX,
-            };
-            let mut seen = S::load(&sums.seen[block]);
-            if !grid.radiance && grid.kind != Kind::Sphere {
-                for shadow in shadows {
-                    let open = !shadow.blocked.block(y, block) & in_front;
-                    let through = match shadow.through.get(y * sums.seen.len() + block) {
-                        Some(row) => S::load(row),
-                        None => one,
-                    };
-                    seen = seen.add(through.select(open, zero));
-                }
-                seen.store(&mut sums.seen[block]);
-                continue;
-            }
-            let mut light = sums.light.get(block).map_or(zero, |r| S::load(r));
-            let mut weight = sums.weight.get(block).map_or(zero, |r| S::load(r));
+        }
+        let p = [at[0].load(simd), at[1].load(simd), at[2].load(simd)];
+        let from = |beam: &Beam| {
+            let l = splat(simd, beam.position);
+            [l[0] - p[0], l[1] - p[1], l[2] - p[2]]
+        };
+        let in_front = match grid.kind {
+            Kind::Flat => zero.lt(dot(&minus_normal, &from(&shadows[0].beam))),
+            _ => u16::MAX,
+        };
+        let mut seen = sums.seen[block].load(simd);
+        if !grid.radiance && grid.kind != Kind::Sphere {
             for shadow in shadows {
-                let beam = &shadow.beam;
                 let open = !shadow.blocked.block(y, block) & in_front;
-                if open == 0 && grid.kind != Kind::Sphere {
-                    continue;
-                }
                 let through = match shadow.through.get(y * sums.seen.len() + block) {
-                    Some(row) => S::load(row),
+                    Some(row) => row.load(simd),
                     None => one,
                 };
-                let d = from(beam);
-                let squared = dot(&d, &d).max(least);
-                let (area, above) = (S::splat(beam.area), S::splat(beam.height.max(0.0)));
-                if grid.kind == Kind::Sphere {
-                    let facing = zero.sub(dot(&splat::<S>(beam.normal), &d)).max(zero);
-                    let length = squared.sqrt();
-                    let angle = area.mul(facing.div(squared.mul(length)));
-                    let part = angle.mul(through).select(open, zero);
-                    weight = weight.add(angle);
-                    seen = seen.add(part);
-                    light = light.add(part.mul(above.div(length)));
-                } else {
-                    let facing = dot(&minus_normal, &d).max(zero);
-                    let inverse = one.div(squared);
-                    let cosines = facing.mul(inverse).mul(above.mul(inverse));
-                    let through = through.select(open, zero);
-                    seen = seen.add(through);
-                    light = light.add(area.mul(cosines).mul(through));
-                }
+                seen = seen + through.where_bits(open, zero);
             }
-            seen.store(&mut sums.seen[block]);
-            if let Some(row) = sums.light.get_mut(block) {
-                light.store(row);
+            sums.seen[block].set(seen);
+            continue;
+        }
+        let mut light = sums.light.get(block).map_or(zero, |r| r.load(simd));
+        let mut weight = sums.weight.get(block).map_or(zero, |r| r.load(simd));
+        for shadow in shadows {
+            let beam = &shadow.beam;
+            let open = !shadow.blocked.block(y, block) & in_front;
+            if open == 0 && grid.kind != Kind::Sphere {
+                continue;
             }
-            if let Some(row) = sums.weight.get_mut(block) {
-                weight.store(row);
+            let through = match shadow.through.get(y * sums.seen.len() + block) {
+                Some(row) => row.load(simd),
+                None => one,
+            };
+            let d = from(beam);
+            let squared = dot(&d, &d).greater(least);
+            let (area, above) = (
+                f32x16::splat(simd, beam.area),
+                f32x16::splat(simd, beam.height.max(0.0)),
+            );
+            if grid.kind == Kind::Sphere {
+                let facing = (zero - dot(&splat(simd, beam.normal), &d)).greater(zero);
+                let length = squared.sqrt();
+                let angle = area * (facing / (squared * length));
+                let part = (angle * through).where_bits(open, zero);
+                weight = weight + angle;
+                seen = seen + part;
+                light = light + part * (above / length);
+            } else {
+                let facing = dot(&minus_normal, &d).greater(zero);
+                let inverse = one / squared;
+                let cosines = facing * inverse * (above * inverse);
+                let through = through.where_bits(open, zero);
+                seen = seen + through;
+                light = light + area * cosines * through;
             }
+        }
+        sums.seen[block].set(seen);
+        if let Some(row) = sums.light.get_mut(block) {
+            row.set(light);
+        }
+        if let Some(row) = sums.weight.get_mut(block) {
+            row.set(weight);
         }
     }
 }

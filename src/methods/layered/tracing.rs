@@ -25,12 +25,13 @@
 //!
 //! **Thickness.** A piece's sides are found at `z_threshold` before and behind it, and the widest count.
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{BVec4A, DVec3, Vec4};
 
 use super::masks::{Axis, BINS, Mask};
 use crate::maps::layers::map::{Block, LayerMap, Level};
 use crate::maps::layers::quad::Quad;
-use crate::simd::{LANES, Lanes, Row, detect, dispatch, prefetch};
+use crate::simd::{LANES, Lanes, Row, detect, join, prefetch, swap_fours};
 
 /// Relative rounding of the receiver's and the pieces' coordinates: some ulps of an `f32`.
 const ROUNDING: f32 = 8.0 * f32::EPSILON;
@@ -156,8 +157,7 @@ pub fn trace(
     seen: &mut Seen,
     stack: &mut Stack,
 ) {
-    dispatch!(detect() => trace_lanes(
-        map: &LayerMap, how: &Tracing, pencil: &Pencil<'_>, seen: &mut Seen, stack: &mut Stack));
+    dispatch!(detect(), simd => trace_lanes(simd, map, how, pencil, seen, stack));
 }
 
 /// A pencil, ready for a walk.
@@ -199,17 +199,11 @@ struct Bins(Row);
 
 impl Bins {
     /// From coordinates: the nearest whole numbers within a table's range.
-    ///
-    /// # Safety
-    /// The features of `S` are enabled.
     #[inline(always)]
-    unsafe fn new<S: Lanes>(x: S) -> Self {
+    fn new<S: Simd>(x: f32x16<S>) -> Self {
         let mut bins = Row::default();
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            let within = x.max(S::splat(0.0)).min(S::splat(BINS as f32));
-            within.add(S::splat(WHOLE)).store(&mut bins);
-        }
+        let within = x.greater(0.0).lesser(BINS as f32);
+        bins.set(within + WHOLE);
         Bins(bins)
     }
 
@@ -222,7 +216,8 @@ impl Bins {
 
 /// Compiled once per instruction set, for its 256-bit operations.
 #[inline(always)]
-unsafe fn trace_lanes<S: Lanes>(
+fn trace_lanes<S: Simd>(
+    simd: S,
     map: &LayerMap,
     how: &Tracing,
     pencil: &Pencil<'_>,
@@ -262,8 +257,14 @@ unsafe fn trace_lanes<S: Lanes>(
         if seen.open.is_empty() {
             return;
         }
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe { walk.siblings::<S>(siblings, siblings.level == top, transparent, seen, stack) };
+        walk.siblings(
+            simd,
+            siblings,
+            siblings.level == top,
+            transparent,
+            seen,
+            stack,
+        );
     }
 }
 
@@ -280,53 +281,36 @@ impl Walk<'_> {
     }
 
     /// The bins of what lies in four nodes between two depths over the receiver: of the sides, the least and the largest.
-    ///
-    /// # Safety
-    /// The features of `S` are enabled.
     #[inline(always)]
-    unsafe fn spans<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> [S; 2] {
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            let sides = S::join(sides).mul(S::load(&self.scale));
-            let a = sides.mul(S::join([far.recip(); 4]));
-            let b = sides.mul(S::join([near.recip(); 4]));
-            let offset = S::load(&self.offset);
-            [a.min(b).sub(offset), a.max(b).sub(offset)]
-        }
+    fn spans<S: Simd>(&self, simd: S, sides: [Vec4; 4], far: Vec4, near: Vec4) -> [f32x16<S>; 2] {
+        let sides = join(simd, sides) * self.scale.load(simd);
+        let a = sides * join(simd, [far.recip(); 4]);
+        let b = sides * join(simd, [near.recip(); 4]);
+        let offset = self.offset.load(simd);
+        [a.lesser(b) - offset, a.greater(b) - offset]
     }
 
     /// The bins in which it may be seen.
-    ///
-    /// # Safety
-    /// The features of `S` are enabled.
     #[inline(always)]
-    unsafe fn widest<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            let [least, most] = self.spans::<S>(sides, far, near);
-            let half = S::load(&OUTWARD).mul(S::splat(0.5));
-            Bins::new(least.select(FIRST, most).add(half))
-        }
+    fn widest<S: Simd>(&self, simd: S, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
+        let [least, most] = self.spans(simd, sides, far, near);
+        let half = OUTWARD.load(simd) * 0.5;
+        Bins::new(least.where_bits(FIRST, most) + half)
     }
 
     /// The bins in which it surely is, if it covers the nodes.
-    ///
-    /// # Safety
-    /// The features of `S` are enabled.
     #[inline(always)]
-    unsafe fn narrowest<S: Lanes>(&self, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            let [least, most] = self.spans::<S>(sides, far, near);
-            let half = S::load(&OUTWARD).mul(S::splat(0.5));
-            Bins::new(most.select(FIRST, least).sub(half))
-        }
+    fn narrowest<S: Simd>(&self, simd: S, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
+        let [least, most] = self.spans(simd, sides, far, near);
+        let half = OUTWARD.load(simd) * 0.5;
+        Bins::new(most.where_bits(FIRST, least) - half)
     }
 
     /// Looks at four siblings.
     #[inline(always)]
-    unsafe fn siblings<S: Lanes>(
+    fn siblings<S: Simd>(
         &self,
+        simd: S,
         siblings: Siblings,
         top: bool,
         transparent: bool,
@@ -391,14 +375,12 @@ impl Walk<'_> {
             }
         }
         let sides = [left, right, upper, lower];
-        // SAFETY: the caller enabled the features of `S`.
-        let all = unsafe { self.widest::<S>(sides, far, near) };
+        let all = self.widest(simd, sides, far, near);
         // What finer levels answer for is seen under less of them.
         let straddle =
             near.cmpgt(Vec4::splat(from)).bitmask() & far.cmple(Vec4::splat(from)).bitmask();
         let nearer = if level > 0 && straddle != 0 {
-            // SAFETY: as above.
-            unsafe { self.widest::<S>(sides, far, near.min(Vec4::splat(from))) }
+            self.widest(simd, sides, far, near.min(Vec4::splat(from)))
         } else {
             all
         };
@@ -422,8 +404,7 @@ impl Walk<'_> {
             covered &= height.cmpgt(margin).bitmask();
         }
         let sure = if covered != 0 {
-            // SAFETY: the caller enabled the features of `S`.
-            Some(unsafe { self.narrowest::<S>(sides, cover_low - w, cover_high - w) })
+            Some(self.narrowest(simd, sides, cover_low - w, cover_high - w))
         } else {
             None
         };
@@ -492,8 +473,7 @@ impl Walk<'_> {
                 range: [far, Vec4::from_array(quad.high) - w],
             };
             let at = (y as usize * across + x as usize) * self.map.layers;
-            // SAFETY: the caller enabled the features of `S`.
-            unsafe { self.pieces::<S>(data, at, leaves, &four, transparent, seen) };
+            self.pieces(simd, data, at, leaves, &four, transparent, seen);
         }
         if last < stack.len() {
             let top = stack.len() - 1;
@@ -503,8 +483,9 @@ impl Walk<'_> {
 
     /// Removes what the pieces of four texels hide, those that lie in a band of depths over the receiver.
     #[inline(always)]
-    unsafe fn pieces<S: Lanes>(
+    fn pieces<S: Simd>(
         &self,
+        simd: S,
         data: &Level,
         at: usize,
         leaves: u32,
@@ -526,12 +507,9 @@ impl Walk<'_> {
                 }
                 let active = ahead & four.answers(depths, block);
                 if active != 0 {
-                    // SAFETY: the caller enabled the features of `S`.
-                    unsafe {
-                        self.met::<S>(active, depths, block, four, |_, hidden| {
-                            seen.open = seen.open.without(hidden);
-                        });
-                    }
+                    self.met(simd, active, depths, block, four, |_, hidden| {
+                        seen.open = seen.open.without(hidden);
+                    });
                 }
                 continue;
             }
@@ -578,12 +556,9 @@ impl Walk<'_> {
                 let here = (0..4).fold(0, |m, c| m | u32::from(place < places[c]) << c);
                 let active = here & depths.cmpgt(from).bitmask() & depths.cmple(to).bitmask();
                 if active != 0 {
-                    // SAFETY: the caller enabled the features of `S`.
-                    unsafe {
-                        self.met::<S>(active, depths, block, four, |c, met| {
-                            self.attenuate::<S>(met & seen.open, through[c], seen);
-                        });
-                    }
+                    self.met(simd, active, depths, block, four, |c, met| {
+                        self.attenuate(simd, met & seen.open, through[c], seen);
+                    });
                 }
             }
         }
@@ -591,8 +566,9 @@ impl Walk<'_> {
 
     /// Calls `with` for the active ones of four pieces, and the samples whose segments cross them.
     #[inline(always)]
-    unsafe fn met<S: Lanes>(
+    fn met<S: Simd>(
         &self,
+        simd: S,
         active: u32,
         depths: Vec4,
         block: &Block,
@@ -619,41 +595,43 @@ impl Walk<'_> {
         }
         let (hx, hy) = (gx * hu, gy * hv);
         let (hu, hv) = (hu * size, hv * size);
-        // SAFETY: the caller enabled the features of `S`.
-        let bins = unsafe {
-            let outward = S::load(&OUTWARD);
-            let halves = S::join([hu, hu, hv, hv]);
-            let mut sides = S::join([u, u, v, v]).add(halves.mul(outward));
-            let rise = S::join([hx, hx, hy, hy]);
-            let mut at_sides = S::join([depths; 4]).add(rise.mul(outward));
-            let behind = at_sides.le(S::splat(0.0));
+        let bins = {
+            let outward = OUTWARD.load(simd);
+            let halves = join(simd, [hu, hu, hv, hv]);
+            let mut sides = join(simd, [u, u, v, v]) + halves * outward;
+            let rise = join(simd, [hx, hx, hy, hy]);
+            let mut at_sides = join(simd, [depths; 4]) + rise * outward;
+            let behind = at_sides.le(0.0);
             if u32::from(behind | behind >> 4 | behind >> 8 | behind >> 12) & active != 0 {
                 let (mut cut_sides, mut cut_depths) = (Row::default(), Row::default());
-                sides.store(&mut cut_sides);
-                at_sides.store(&mut cut_depths);
+                cut_sides.set(sides);
+                cut_depths.set(at_sides);
                 cut(&mut cut_sides, &cut_depths);
-                sides = S::load(&cut_sides);
+                sides = cut_sides.load(simd);
             }
             // Within what the node holds, which bounds planes that rise beyond the surface.
             let [least, most] = four.range;
             at_sides = at_sides
-                .max(S::join([least; 4]))
-                .min(S::join([most.max(least); 4]));
-            let scaled = sides.mul(S::load(&self.scale));
-            let at = scaled.div(at_sides);
+                .greater(join(simd, [least; 4]))
+                .lesser(join(simd, [most.max(least); 4]));
+            let scaled = sides * self.scale.load(simd);
+            let at = scaled / at_sides;
             let (mut least, mut most) = (at, at);
             if self.how.thickness > 0.0 {
-                let w = S::splat(self.w).add(at_sides);
-                let thick = w.mul(w).mul(S::splat(self.how.thickness));
-                let behind = scaled.div(at_sides.add(thick));
-                let before = scaled.div(at_sides.sub(thick).max(S::splat(TINY)));
-                (least, most) = (at.min(behind).min(before), at.max(behind).max(before));
+                let w = self.w + at_sides;
+                let thick = w * w * self.how.thickness;
+                let behind = scaled / (at_sides + thick);
+                let before = scaled / (at_sides - thick).greater(TINY);
+                (least, most) = (
+                    at.lesser(behind).lesser(before),
+                    at.greater(behind).greater(before),
+                );
             }
             // A steep piece may show its sides in either order.
             let widest = least
-                .min(least.swap_fours())
-                .select(FIRST, most.max(most.swap_fours()));
-            Bins::new(widest.sub(S::load(&self.offset)))
+                .lesser(swap_fours(least))
+                .where_bits(FIRST, most.greater(swap_fours(most)));
+            Bins::new(widest - self.offset.load(simd))
         };
         while active != 0 {
             let c = active.trailing_zeros() as usize & 3;
@@ -702,7 +680,7 @@ impl Walk<'_> {
     }
 
     #[inline(always)]
-    unsafe fn attenuate<S: Lanes>(&self, met: Mask, through: f32, seen: &mut Seen) {
+    fn attenuate<S: Simd>(&self, simd: S, met: Mask, through: f32, seen: &mut Seen) {
         if (through == 0.0 && !self.how.subtract) || self.pencil.axes.is_none() {
             seen.open = seen.open.without(met);
             return;
@@ -727,18 +705,15 @@ impl Walk<'_> {
             }
             for r in 4 * word..4 * word + 4 {
                 let bits = met.row(r);
-                // SAFETY: the caller enabled the features of `S`.
-                unsafe {
-                    let old = S::load(&seen.through[r]);
-                    let new = if self.how.subtract {
-                        old.sub(S::splat(through)).max(S::splat(0.0))
-                    } else {
-                        old.mul(S::splat(through))
-                    };
-                    new.select(bits, old).store(&mut seen.through[r]);
-                    let closed = new.le(S::splat(self.how.threshold)) & bits;
-                    done.0[word] |= u64::from(closed) << (LANES * (r % 4));
-                }
+                let old = seen.through[r].load(simd);
+                let new = if self.how.subtract {
+                    (old - through).greater(0.0)
+                } else {
+                    old * through
+                };
+                seen.through[r].set(new.where_bits(bits, old));
+                let closed = new.le(self.how.threshold) & bits;
+                done.0[word] |= u64::from(closed) << (LANES * (r % 4));
             }
         }
         seen.open = seen.open.without(done);

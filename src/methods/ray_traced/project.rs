@@ -4,13 +4,14 @@
 //! certainly on different hands), may it cross the light, and if so, where in the grid over the light does
 //! its image lie, clipped to the light's square (Liang and Barsky 1984, homogeneous)?
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::Vec3;
 
 use super::grid::{Cells, Line, columns, draw};
 use crate::bvh::outline::EdgePlanes;
 use crate::receivers::GROUP;
 use crate::sampling::{GRID, View, WHOLE};
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use crate::simd::{LANES, Lanes, Row, detect};
 
 /// Rows of lanes in a group of receivers.
 const ROWS: usize = GROUP / LANES;
@@ -88,115 +89,103 @@ impl Viewers {
     pub(super) fn project(&self, edges: &[EdgePlanes], images: &mut Images) {
         *images = Images::default();
         let viewers = self;
-        dispatch!(detect() => project_lanes(
-            edges: &[EdgePlanes], viewers: &Viewers, images: &mut Images));
+        dispatch!(detect(), simd => project_lanes(simd, edges, viewers, images));
     }
 }
 
 #[inline(always)]
-unsafe fn load<S: Lanes>(vectors: &[[Row; ROWS]; 3], row: usize) -> [S; 3] {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        [
-            S::load(&vectors[0][row]),
-            S::load(&vectors[1][row]),
-            S::load(&vectors[2][row]),
-        ]
-    }
+fn load<S: Simd>(simd: S, vectors: &[[Row; ROWS]; 3], row: usize) -> [f32x16<S>; 3] {
+    [
+        vectors[0][row].load(simd),
+        vectors[1][row].load(simd),
+        vectors[2][row].load(simd),
+    ]
 }
 
 #[inline(always)]
-unsafe fn splat<S: Lanes>(p: Vec3) -> [S; 3] {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { [S::splat(p.x), S::splat(p.y), S::splat(p.z)] }
+fn splat<S: Simd>(simd: S, p: Vec3) -> [f32x16<S>; 3] {
+    [
+        f32x16::splat(simd, p.x),
+        f32x16::splat(simd, p.y),
+        f32x16::splat(simd, p.z),
+    ]
 }
 
 #[inline(always)]
-unsafe fn from<S: Lanes>(p: Vec3, origin: &[S; 3]) -> [S; 3] {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let [x, y, z] = splat::<S>(p);
-        [x.sub(origin[0]), y.sub(origin[1]), z.sub(origin[2])]
-    }
+fn from<S: Simd>(simd: S, p: Vec3, origin: &[f32x16<S>; 3]) -> [f32x16<S>; 3] {
+    let [x, y, z] = splat(simd, p);
+    [x - origin[0], y - origin[1], z - origin[2]]
 }
 
 #[inline(always)]
-unsafe fn dot<S: Lanes>(a: &[S; 3], b: &[S; 3]) -> S {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2])) }
+fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Sum of absolute values.
 #[inline(always)]
-unsafe fn size<S: Lanes>(p: &[S; 3]) -> S {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { p[0].abs().add(p[1].abs()).add(p[2].abs()) }
+fn size<S: Simd>(p: &[f32x16<S>; 3]) -> f32x16<S> {
+    p[0].abs() + p[1].abs() + p[2].abs()
 }
 
 #[inline(always)]
-unsafe fn project_lanes<S: Lanes>(edges: &[EdgePlanes], viewers: &Viewers, images: &mut Images) {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let zero = S::splat(0.0);
-        for row in 0..ROWS {
-            if viewers.valid[row] == 0 {
+fn project_lanes<S: Simd>(simd: S, edges: &[EdgePlanes], viewers: &Viewers, images: &mut Images) {
+    let zero = f32x16::splat(simd, 0.0);
+    for row in 0..ROWS {
+        if viewers.valid[row] == 0 {
+            continue;
+        }
+        let origin = load(simd, &viewers.origin, row);
+        let u = load(simd, &viewers.u, row);
+        let v = load(simd, &viewers.v, row);
+        let w = load(simd, &viewers.w, row);
+        let steepness = viewers.steepness[row].load(simd);
+        let blur = viewers.blur[row].load(simd);
+        for edge in edges {
+            let a = from(simd, edge.ends[0], &origin);
+            let b = from(simd, edge.ends[1], &origin);
+            let (size_a, size_b) = (size(&a), size(&b));
+            // Certainly in front of both triangles, or behind both.
+            let doubt = size_a * DOT_ERROR;
+            let negative = zero - doubt;
+            let one = dot(&a, &splat(simd, edge.normals[0]));
+            let two = dot(&a, &splat(simd, edge.normals[1]));
+            let goes_on = doubt.lt(one.lesser(two)) | one.greater(two).lt(negative);
+            let open = viewers.valid[row] & !goes_on;
+            if open == 0 {
                 continue;
             }
-            let origin = load::<S>(&viewers.origin, row);
-            let u = load::<S>(&viewers.u, row);
-            let v = load::<S>(&viewers.v, row);
-            let w = load::<S>(&viewers.w, row);
-            let steepness = S::load(&viewers.steepness[row]);
-            let blur = S::load(&viewers.blur[row]);
-            for edge in edges {
-                let a = from(edge.ends[0], &origin);
-                let b = from(edge.ends[1], &origin);
-                let (size_a, size_b) = (size(&a), size(&b));
-                // Certainly in front of both triangles, or behind both.
-                let doubt = size_a.mul(S::splat(DOT_ERROR));
-                let negative = zero.sub(doubt);
-                let one = dot(&a, &splat(edge.normals[0]));
-                let two = dot(&a, &splat(edge.normals[1]));
-                let goes_on = doubt.lt(one.min(two)) | one.max(two).lt(negative);
-                let open = viewers.valid[row] & !goes_on;
-                if open == 0 {
-                    continue;
-                }
-                // Certainly to one side of the light, or beyond it.
-                let doubt = size_a
-                    .max(size_b)
-                    .mul(steepness)
-                    .mul(S::splat(4.0 * DOT_ERROR));
-                let (ua, va, wa) = (dot(&a, &u), dot(&a, &v), dot(&a, &w));
-                let (ub, vb, wb) = (dot(&b, &u), dot(&b, &v), dot(&b, &w));
-                let doubt = doubt.add(blur.mul(wa.max(wb).max(zero)));
-                let negative = zero.sub(doubt);
-                let one = S::splat(1.0);
-                let outside = ua.max(ub).lt(negative)
-                    | va.max(vb).lt(negative)
-                    | wa.sub(ua).max(wb.sub(ub)).lt(negative)
-                    | wa.sub(va).max(wb.sub(vb)).lt(negative)
-                    | one.add(doubt).lt(wa.min(wb));
-                let seen = open & !outside;
-                if seen != 0 {
-                    let clipped = clip(
-                        [ua, va, wa],
-                        [ub, vb, wb],
-                        size_a.max(size_b).mul(steepness),
-                        blur,
-                        seen,
-                    );
-                    clipped.draw(row, seen, images);
-                }
+            // Certainly to one side of the light, or beyond it.
+            let doubt = size_a.greater(size_b) * steepness * (4.0 * DOT_ERROR);
+            let (ua, va, wa) = (dot(&a, &u), dot(&a, &v), dot(&a, &w));
+            let (ub, vb, wb) = (dot(&b, &u), dot(&b, &v), dot(&b, &w));
+            let doubt = doubt + blur * wa.greater(wb).greater(zero);
+            let negative = zero - doubt;
+            let one = f32x16::splat(simd, 1.0);
+            let outside = ua.greater(ub).lt(negative)
+                | va.greater(vb).lt(negative)
+                | (wa - ua).greater(wb - ub).lt(negative)
+                | (wa - va).greater(wb - vb).lt(negative)
+                | (one + doubt).lt(wa.lesser(wb));
+            let seen = open & !outside;
+            if seen != 0 {
+                let clipped = clip(
+                    [ua, va, wa],
+                    [ub, vb, wb],
+                    size_a.greater(size_b) * steepness,
+                    blur,
+                    seen,
+                );
+                clipped.draw(row, seen, images);
             }
         }
     }
 }
 
 /// Images of an edge, a lane a receiver.
-struct Clipped<S> {
-    ends: [[S; 2]; 2],
-    thickness: S,
+struct Clipped<S: Simd> {
+    ends: [[f32x16<S>; 2]; 2],
+    thickness: f32x16<S>,
     /// Lanes in which nothing is left of the edge.
     nothing: u16,
     /// Lanes in which the image can be told to within [`WIDEST`].
@@ -209,71 +198,73 @@ struct Clipped<S> {
 /// A bound is crossed inwards at `a / (a - b)` where `a < 0 < b`, and outwards likewise from the other end;
 /// with `a` and `b` cut off at 0 the same quotient is 0 where it is not crossed. So no lane branches.
 #[inline(always)]
-unsafe fn clip<S: Lanes>(a: [S; 3], b: [S; 3], size: S, light_blur: S, seen: u16) -> Clipped<S> {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
-        let doubt = size
-            .mul(S::splat(DOT_ERROR))
-            .add(light_blur.mul(a[2].max(b[2]).max(zero)));
-        // A bound may be the difference of two coordinates, each off by the rounding of a dot product and of
-        // the light points that the grid stands for.
-        let apart = doubt.mul(S::splat(4.0));
-        // Keeps a quotient of two zeros at 0.
-        let tiny = S::splat(f32::MIN_POSITIVE);
-        let (mut enter, mut leave) = (zero, zero);
-        for bound in 0..4 {
-            let (fa, fb) = match bound {
-                0 => (a[0], b[0]),
-                1 => (a[1], b[1]),
-                2 => (a[2].sub(a[0]), b[2].sub(b[0])),
-                _ => (a[2].sub(a[1]), b[2].sub(b[1])),
-            };
-            let (fa, fb) = (fa.add(apart), fb.add(apart));
-            // No receiver sees the edge cross this bound: both quotients would be 0.
-            if (fa.lt(zero) | fb.lt(zero)) & seen == 0 {
-                continue;
-            }
-            let (below_a, below_b) = (zero.sub(fa.min(zero)), zero.sub(fb.min(zero)));
-            enter = enter.max(below_a.div(below_a.add(fb.max(tiny))));
-            leave = leave.max(below_b.div(below_b.add(fa.max(tiny))));
+fn clip<S: Simd>(
+    a: [f32x16<S>; 3],
+    b: [f32x16<S>; 3],
+    size: f32x16<S>,
+    light_blur: f32x16<S>,
+    seen: u16,
+) -> Clipped<S> {
+    let simd = size.simd;
+    let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
+    let doubt = size * DOT_ERROR + light_blur * a[2].greater(b[2]).greater(zero);
+    // A bound may be the difference of two coordinates, each off by the rounding of a dot product and of
+    // the light points that the grid stands for.
+    let apart = doubt * 4.0;
+    // Keeps a quotient of two zeros at 0.
+    let tiny = f32x16::splat(simd, f32::MIN_POSITIVE);
+    let (mut enter, mut leave) = (zero, zero);
+    for bound in 0..4 {
+        let (fa, fb) = match bound {
+            0 => (a[0], b[0]),
+            1 => (a[1], b[1]),
+            2 => (a[2] - a[0], b[2] - b[0]),
+            _ => (a[2] - a[1], b[2] - b[1]),
+        };
+        let (fa, fb) = (fa + apart, fb + apart);
+        // No receiver sees the edge cross this bound: both quotients would be 0.
+        if (fa.lt(zero) | fb.lt(zero)) & seen == 0 {
+            continue;
         }
-        let slack = S::splat(CLIP_SLACK);
-        let start = enter.sub(slack).max(zero);
-        let end = one.sub(leave).add(slack).min(one);
-        let along = [b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])];
-        let cells = S::splat(GRID as f32);
-        let ws = a[2].add(start.mul(along[2]));
-        let we = a[2].add(end.mul(along[2]));
-        let scale_s = cells.div(ws);
-        let scale_e = cells.div(we);
-        let ends = [
-            [
-                a[0].add(start.mul(along[0])).mul(scale_s),
-                a[1].add(start.mul(along[1])).mul(scale_s),
-            ],
-            [
-                a[0].add(end.mul(along[0])).mul(scale_e),
-                a[1].add(end.mul(along[1])).mul(scale_e),
-            ],
-        ];
-        let nearest = ws.min(we);
-        let blur = S::splat(4.0 * GRID as f32).mul(doubt).div(nearest);
-        let thickness = S::splat(THICKNESS).add(blur).add(light_blur.mul(cells));
-        let clear = zero.lt(nearest) & thickness.le(S::splat(WIDEST));
-        Clipped {
-            ends,
-            thickness,
-            nothing: end.lt(start),
-            clear,
-        }
+        let (below_a, below_b) = (zero - fa.lesser(zero), zero - fb.lesser(zero));
+        enter = enter.greater(below_a / (below_a + fb.greater(tiny)));
+        leave = leave.greater(below_b / (below_b + fa.greater(tiny)));
+    }
+    let slack = f32x16::splat(simd, CLIP_SLACK);
+    let start = (enter - slack).greater(zero);
+    let end = (one - leave + slack).lesser(one);
+    let along = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    let cells = f32x16::splat(simd, GRID as f32);
+    let ws = a[2] + start * along[2];
+    let we = a[2] + end * along[2];
+    let scale_s = cells / ws;
+    let scale_e = cells / we;
+    let ends = [
+        [
+            (a[0] + start * along[0]) * scale_s,
+            (a[1] + start * along[1]) * scale_s,
+        ],
+        [
+            (a[0] + end * along[0]) * scale_e,
+            (a[1] + end * along[1]) * scale_e,
+        ],
+    ];
+    let nearest = ws.lesser(we);
+    let blur = 4.0 * GRID as f32 * doubt / nearest;
+    let thickness = THICKNESS + blur + light_blur * cells;
+    let clear = zero.lt(nearest) & thickness.le(WIDEST);
+    Clipped {
+        ends,
+        thickness,
+        nothing: end.lt(start),
+        clear,
     }
 }
 
-impl<S: Lanes> Clipped<S> {
+impl<S: Simd> Clipped<S> {
     /// Draws the images into the grids of the receivers in `seen`.
     #[inline(always)]
-    unsafe fn draw(self, row: usize, seen: u16, images: &mut Images) {
+    fn draw(self, row: usize, seen: u16, images: &mut Images) {
         let mut left = seen & !self.nothing;
         images.unclear |= u64::from(left & !self.clear) << (row * LANES);
         left &= self.clear;
@@ -281,14 +272,11 @@ impl<S: Lanes> Clipped<S> {
         let [[x0, y0], [x1, y1]] = self.ends;
         let mut rows = [Row::default(); 5];
         let (mut columns_of, mut rows_of) = ([Row::default(); 2], [Row::default(); 2]);
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            for (value, row) in [x0, y0, x1, y1, self.thickness].into_iter().zip(&mut rows) {
-                value.store(row);
-            }
-            cell_range(x0, x1, self.thickness, &mut columns_of);
-            cell_range(y0, y1, self.thickness, &mut rows_of);
+        for (value, row) in [x0, y0, x1, y1, self.thickness].into_iter().zip(&mut rows) {
+            row.set(value);
         }
+        cell_range(x0, x1, self.thickness, &mut columns_of);
+        cell_range(y0, y1, self.thickness, &mut rows_of);
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
             left &= left - 1;
@@ -316,22 +304,16 @@ impl<S: Lanes> Clipped<S> {
 
 /// First and last rows or columns within the thickness of both coordinates, to be read by [`index`].
 #[inline(always)]
-unsafe fn cell_range<S: Lanes>(a: S, b: S, thickness: S, out: &mut [Row; 2]) {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        cell_place(a.min(b).sub(thickness)).store(&mut out[0]);
-        cell_place(a.max(b).add(thickness)).store(&mut out[1]);
-    }
+fn cell_range<S: Simd>(a: f32x16<S>, b: f32x16<S>, thickness: f32x16<S>, out: &mut [Row; 2]) {
+    out[0].set(cell_place(a.lesser(b) - thickness));
+    out[1].set(cell_place(a.greater(b) + thickness));
 }
 
 /// A coordinate as [`crate::sampling::grid_index`] rounds it, before its last step.
 #[inline(always)]
-unsafe fn cell_place<S: Lanes>(cells: S) -> S {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let place = cells.sub(S::splat(0.5)).max(S::splat(0.0));
-        place.min(S::splat((GRID - 1) as f32)).add(S::splat(WHOLE))
-    }
+fn cell_place<S: Simd>(cells: f32x16<S>) -> f32x16<S> {
+    let place = (cells - 0.5).greater(0.0);
+    place.lesser((GRID - 1) as f32) + WHOLE
 }
 
 /// The last step of [`crate::sampling::grid_index`].

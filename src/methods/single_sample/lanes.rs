@@ -6,12 +6,13 @@
 
 use std::cell::OnceCell;
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{DVec3, Vec3};
 
 use super::view::{Kind, NEAREST, Outline, STRIP, View};
 use crate::bvh::packet::Packet;
 use crate::frame::POINT_OFFSET;
-use crate::simd::{LANES, Lanes, Level, Row, dispatch};
+use crate::simd::{LANES, Lanes, Level, Row};
 
 /// What rises above the plane that shadow rays start from by no more than this is the receiver's own
 /// surface: in `f32`, a height is off by up to ten roundings of the local size, and rays start eight above.
@@ -70,7 +71,7 @@ impl Views {
     /// Looks at the light from all receivers that are set.
     pub(super) fn look(&mut self, level: Level, active: u16) {
         let views = &mut *self;
-        dispatch!(level => look(views: &mut Views));
+        dispatch!(level, simd => look(simd, views));
         let mut low = self.low & active;
         while low != 0 {
             let lane = low.trailing_zeros() as usize;
@@ -108,149 +109,134 @@ impl Views {
     }
 }
 
-type Vector<S> = [S; 3];
+type Vector<S> = [f32x16<S>; 3];
 
 #[inline(always)]
-unsafe fn dot<S: Lanes>(a: Vector<S>, b: Vector<S>) -> S {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2])) }
+fn dot<S: Simd>(a: Vector<S>, b: Vector<S>) -> f32x16<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `a - s b`.
 #[inline(always)]
-unsafe fn less<S: Lanes>(a: Vector<S>, s: S, b: Vector<S>) -> Vector<S> {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        [
-            a[0].sub(s.mul(b[0])),
-            a[1].sub(s.mul(b[1])),
-            a[2].sub(s.mul(b[2])),
-        ]
-    }
+fn less<S: Simd>(a: Vector<S>, s: f32x16<S>, b: Vector<S>) -> Vector<S> {
+    [a[0] - s * b[0], a[1] - s * b[1], a[2] - s * b[2]]
 }
 
 #[inline(always)]
-unsafe fn splat<S: Lanes>(v: DVec3) -> Vector<S> {
+fn splat<S: Simd>(simd: S, v: DVec3) -> Vector<S> {
     let v = v.as_vec3();
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { [S::splat(v.x), S::splat(v.y), S::splat(v.z)] }
+    [
+        f32x16::splat(simd, v.x),
+        f32x16::splat(simd, v.y),
+        f32x16::splat(simd, v.z),
+    ]
 }
 
 #[inline(always)]
-unsafe fn store<S: Lanes>(v: Vector<S>, rows: &mut [Row; 3]) {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        for k in 0..3 {
-            v[k].store(&mut rows[k]);
-        }
+fn store<S: Simd>(v: Vector<S>, rows: &mut [Row; 3]) {
+    for k in 0..3 {
+        rows[k].set(v[k]);
     }
 }
 
 /// Two unit vectors across a unit vector (Duff et al. 2017).
 #[inline(always)]
-unsafe fn across<S: Lanes>(m: Vector<S>) -> [Vector<S>; 2] {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
-        let sign = one.select(zero.le(m[2]), S::splat(-1.0));
-        let a = S::splat(-1.0).div(sign.add(m[2]));
-        let b = m[0].mul(m[1]).mul(a);
-        let e = [
-            one.add(sign.mul(m[0]).mul(m[0]).mul(a)),
-            sign.mul(b),
-            zero.sub(sign.mul(m[0])),
-        ];
-        [e, [b, sign.add(m[1].mul(m[1]).mul(a)), zero.sub(m[1])]]
-    }
+fn across<S: Simd>(simd: S, m: Vector<S>) -> [Vector<S>; 2] {
+    let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
+    let sign = zero.simd_le(m[2]).select(one, f32x16::splat(simd, -1.0));
+    let a = -1.0 / (sign + m[2]);
+    let b = m[0] * m[1] * a;
+    let e = [one + sign * m[0] * m[0] * a, sign * b, zero - sign * m[0]];
+    [e, [b, sign + m[1] * m[1] * a, zero - m[1]]]
 }
 
 #[inline(always)]
-unsafe fn look<S: Lanes>(views: &mut Views) {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let zero = S::splat(0.0);
-        let o: Vector<S> = [
-            S::load(&views.packet.origins()[0]),
-            S::load(&views.packet.origins()[1]),
-            S::load(&views.packet.origins()[2]),
-        ];
-        let n: Vector<S> = [
-            S::load(&views.normal[0]),
-            S::load(&views.normal[1]),
-            S::load(&views.normal[2]),
-        ];
-        let outline = views.outline;
-        let target: Vector<S> = splat(outline.target().as_dvec3());
-        let l = less(target, S::splat(1.0), o);
-        let length = dot(l, l).sqrt().max(S::splat(f32::MIN_POSITIVE));
-        let inverse = S::splat(1.0).div(length);
-        let plane = match outline.kind {
-            Kind::Rect(_, _, m) | Kind::Disk(m, _, _) => splat(m),
-            Kind::Sphere(_) => [l[0].mul(inverse), l[1].mul(inverse), l[2].mul(inverse)],
-        };
-        let depth = dot(plane, l);
-        views.soft = S::splat(f32::EPSILON).mul(length).lt(depth);
-        let over_depth = S::splat(1.0).div(depth);
-        let w = [
-            plane[0].mul(over_depth),
-            plane[1].mul(over_depth),
-            plane[2].mul(over_depth),
-        ];
-        store(w, &mut views.w);
-        let in_plane = less(n, dot(n, plane), plane);
-        let wider = 1.0 + WIDER;
-        let (x, y, width) = match outline.kind {
-            Kind::Rect([u, v], [du, dv], _) => {
-                store::<S>(
-                    splat((u.abs() + v.abs()) * f64::from(wider)),
-                    &mut views.spread,
-                );
-                let width = dot(n, splat(u)).abs().add(dot(n, splat(v)).abs());
-                (splat(du), splat(dv), width)
-            }
-            Kind::Disk(_, [e, f], diameter) => {
-                let d = S::splat(diameter as f32);
-                (
-                    splat(e / diameter),
-                    splat(f / diameter),
-                    d.mul(dot(in_plane, in_plane).sqrt()),
-                )
-            }
-            Kind::Sphere(diameter) => {
-                let (d, over) = (S::splat(diameter as f32), S::splat((1.0 / diameter) as f32));
-                let [e, f] = across(plane);
-                (
-                    [e[0].mul(over), e[1].mul(over), e[2].mul(over)],
-                    [f[0].mul(over), f[1].mul(over), f[2].mul(over)],
-                    d.mul(dot(in_plane, in_plane).sqrt()),
-                )
-            }
-        };
-        if let Kind::Disk(_, _, diameter) | Kind::Sphere(diameter) = outline.kind {
-            let d = S::splat(diameter as f32);
-            for (m, row) in plane.into_iter().zip(&mut views.spread) {
-                let square = S::splat(1.0).sub(m.mul(m)).max(zero);
-                let size = d.mul(square.sqrt().add(S::splat(WIDER)));
-                size.store(row);
-            }
+fn look<S: Simd>(simd: S, views: &mut Views) {
+    let zero = f32x16::splat(simd, 0.0);
+    let o: Vector<S> = [
+        views.packet.origins()[0].load(simd),
+        views.packet.origins()[1].load(simd),
+        views.packet.origins()[2].load(simd),
+    ];
+    let n: Vector<S> = [
+        views.normal[0].load(simd),
+        views.normal[1].load(simd),
+        views.normal[2].load(simd),
+    ];
+    let outline = views.outline;
+    let target: Vector<S> = splat(simd, outline.target().as_dvec3());
+    let l = less(target, f32x16::splat(simd, 1.0), o);
+    let length = dot(l, l).sqrt().greater(f32::MIN_POSITIVE);
+    let inverse = 1.0 / length;
+    let plane = match outline.kind {
+        Kind::Rect(_, _, m) | Kind::Disk(m, _, _) => splat(simd, m),
+        Kind::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
+    };
+    let depth = dot(plane, l);
+    views.soft = (f32::EPSILON * length).lt(depth);
+    let over_depth = 1.0 / depth;
+    let w = [
+        plane[0] * over_depth,
+        plane[1] * over_depth,
+        plane[2] * over_depth,
+    ];
+    store(w, &mut views.w);
+    let in_plane = less(n, dot(n, plane), plane);
+    let wider = 1.0 + WIDER;
+    let (x, y, width) = match outline.kind {
+        Kind::Rect([u, v], [du, dv], _) => {
+            store::<S>(
+                splat(simd, (u.abs() + v.abs()) * f64::from(wider)),
+                &mut views.spread,
+            );
+            let width = dot(n, splat(simd, u)).abs() + dot(n, splat(simd, v)).abs();
+            (splat(simd, du), splat(simd, dv), width)
         }
-        store(less(x, dot(x, l), w), &mut views.x);
-        store(less(y, dot(y, l), w), &mut views.y);
-        let height = dot(n, l);
-        height.store(&mut views.rise);
-        let tangent = zero.lt(dot(n, n));
-        views.low = height.lt(S::splat(1.0 + STRIP as f32).mul(width)) & tangent & views.soft;
-        let size = o[0]
-            .abs()
-            .max(o[1].abs())
-            .max(o[2].abs())
-            .max(S::splat(1.0));
-        let none = S::splat(f32::NEG_INFINITY);
-        let floor = S::splat(OWN_SURFACE).mul(size).select(tangent, none);
-        floor.store(&mut views.floor);
-        let nearest = S::splat(NEAREST as f32).mul(size).mul(inverse);
-        nearest.store(&mut views.nearest);
-        // Everything is above a strip far down.
-        S::splat(-1e30).store(&mut views.strip);
+        Kind::Disk(_, [e, f], diameter) => {
+            let d = f32x16::splat(simd, diameter as f32);
+            (
+                splat(simd, e / diameter),
+                splat(simd, f / diameter),
+                d * dot(in_plane, in_plane).sqrt(),
+            )
+        }
+        Kind::Sphere(diameter) => {
+            let (d, over) = (
+                f32x16::splat(simd, diameter as f32),
+                f32x16::splat(simd, (1.0 / diameter) as f32),
+            );
+            let [e, f] = across(simd, plane);
+            (
+                [e[0] * over, e[1] * over, e[2] * over],
+                [f[0] * over, f[1] * over, f[2] * over],
+                d * dot(in_plane, in_plane).sqrt(),
+            )
+        }
+    };
+    if let Kind::Disk(_, _, diameter) | Kind::Sphere(diameter) = outline.kind {
+        let d = f32x16::splat(simd, diameter as f32);
+        for (m, row) in plane.into_iter().zip(&mut views.spread) {
+            let square = (1.0 - m * m).greater(zero);
+            let size = d * (square.sqrt() + WIDER);
+            row.set(size);
+        }
     }
+    store(less(x, dot(x, l), w), &mut views.x);
+    store(less(y, dot(y, l), w), &mut views.y);
+    let height = dot(n, l);
+    views.rise.set(height);
+    let tangent = zero.lt(dot(n, n));
+    views.low = height.lt((1.0 + STRIP as f32) * width) & tangent & views.soft;
+    let size = o[0]
+        .abs()
+        .greater(o[1].abs())
+        .greater(o[2].abs())
+        .greater(1.0);
+    let none = f32x16::splat(simd, f32::NEG_INFINITY);
+    let floor = (OWN_SURFACE * size).where_bits(tangent, none);
+    views.floor.set(floor);
+    let nearest = NEAREST as f32 * size * inverse;
+    views.nearest.set(nearest);
+    // Everything is above a strip far down.
+    views.strip.set(f32x16::splat(simd, -1e30));
 }

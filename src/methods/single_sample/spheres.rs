@@ -9,6 +9,7 @@
 //! - one that lies under the tangent plane of the receiver does not count, and one that hardly rises above
 //!   it hardly does.
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
 use super::found::Found;
@@ -19,7 +20,7 @@ use crate::bvh::crossing::sphere_crossings;
 use crate::bvh::grown::{Leaves, traverse};
 use crate::bvh::packet::Stack;
 use crate::geometry::Sphere;
-use crate::simd::{Lanes, Level, Row, dispatch};
+use crate::simd::{Lanes, Level, Row};
 
 /// Numbers of spheres as parts have this bit, which those of triangles and objects have not: they are
 /// below a quarter of 2³².
@@ -37,71 +38,67 @@ pub(super) fn search(
     found: &mut Found,
     stack: &mut Stack,
 ) -> u16 {
-    dispatch!(level => all(
-        bvh: &SphereBvh,
-        views: &Views,
-        active: u16,
-        found: &mut Found,
-        stack: &mut Stack,
-    ) -> u16)
+    dispatch!(level, simd => all(simd, bvh, views, active, found, stack))
 }
 
 #[inline(always)]
-unsafe fn all<S: Lanes>(
+fn all<S: Simd>(
+    simd: S,
     bvh: &SphereBvh,
     views: &Views,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
 ) -> u16 {
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe {
-        let packet = &views.packet;
-        let load = |rows: &[Row; 3]| [S::load(&rows[0]), S::load(&rows[1]), S::load(&rows[2])];
-        let (origin, mut ray) = (load(packet.origins()), load(packet.targets()));
-        for k in 0..3 {
-            ray[k] = ray[k].sub(origin[k]);
-        }
-        let square = ray[0]
-            .mul(ray[0])
-            .add(ray[1].mul(ray[1]))
-            .add(ray[2].mul(ray[2]));
-        let mut leaves = Spheres {
-            bvh,
-            views,
-            origin,
-            ray,
-            inverse: S::splat(1.0).div(square.max(S::splat(f32::MIN_POSITIVE))),
-            reach: views.reach(),
-            found,
-            blocked: 0,
-        };
-        leaves.found.restart();
-        traverse::<S, _>(&bvh.tree, packet, &views.spread, &mut leaves, active, stack);
-        leaves.blocked
+    let packet = &views.packet;
+    let load = |rows: &[Row; 3]| [rows[0].load(simd), rows[1].load(simd), rows[2].load(simd)];
+    let (origin, mut ray) = (load(packet.origins()), load(packet.targets()));
+    for k in 0..3 {
+        ray[k] = ray[k] - origin[k];
     }
+    let square = ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2];
+    let mut leaves = Spheres {
+        bvh,
+        views,
+        origin,
+        ray,
+        inverse: 1.0 / square.greater(f32::MIN_POSITIVE),
+        reach: views.reach(),
+        found,
+        blocked: 0,
+    };
+    leaves.found.restart();
+    traverse::<S, _>(
+        simd,
+        &bvh.tree,
+        packet,
+        &views.spread,
+        &mut leaves,
+        active,
+        stack,
+    );
+    leaves.blocked
 }
 
-struct Spheres<'a, S> {
+struct Spheres<'a, S: Simd> {
     bvh: &'a SphereBvh,
     views: &'a Views,
-    origin: [S; 3],
-    ray: [S; 3],
+    origin: [f32x16<S>; 3],
+    ray: [f32x16<S>; 3],
     /// One over the rays' squared lengths.
-    inverse: S,
+    inverse: f32x16<S>,
     /// How far the doubled light reaches from its centre.
     reach: f32,
     found: &'a mut Found,
     blocked: u16,
 }
 
-impl<S: Lanes> Leaves<S> for Spheres<'_, S> {
+impl<S: Simd> Leaves for Spheres<'_, S> {
     #[inline(always)]
-    unsafe fn visit(&mut self, first: usize, last: usize, mut active: u16) -> u16 {
+    fn visit(&mut self, first: usize, last: usize, mut active: u16) -> u16 {
         for k in first..last {
             let sphere = &self.bvh.spheres[k];
-            // SAFETY: the caller enabled the features of `S`.
-            let mut near = unsafe { self.near(sphere) } & active;
+            let mut near = self.near(sphere) & active;
             while near != 0 {
                 let lane = near.trailing_zeros() as usize;
                 near &= near - 1;
@@ -131,35 +128,31 @@ impl<S: Lanes> Leaves<S> for Spheres<'_, S> {
     }
 }
 
-impl<S: Lanes> Spheres<'_, S> {
+impl<S: Simd> Spheres<'_, S> {
     /// Rays around which the sphere may lie within the limit: those that pass it by no more than the
     /// cone's radius where they leave it.
     #[inline(always)]
-    unsafe fn near(&self, sphere: &Sphere) -> u16 {
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            let (zero, one) = (S::splat(0.0), S::splat(1.0));
-            let center = sphere.center.as_vec3();
-            let radius = sphere.radius as f32;
-            let [mut q, d] = [[zero; 3], self.ray];
-            for k in 0..3 {
-                q[k] = S::splat(center[k]).sub(self.origin[k]);
-            }
-            let along = q[0].mul(d[0]).add(q[1].mul(d[1])).add(q[2].mul(d[2]));
-            let t = along.mul(self.inverse).max(zero).min(one);
-            let mut square = zero;
-            for k in 0..3 {
-                let off = q[k].sub(t.mul(d[k]));
-                square = square.add(off.mul(off));
-            }
-            let wide = S::splat(self.reach).mul(S::load(self.found.limit()));
-            let slack = S::splat(SLACK * (2.0 + radius)).add(S::splat(1e-5).mul(wide));
-            let leaves = S::splat(radius).add(wide).mul(self.inverse.sqrt());
-            let most = S::splat(radius)
-                .add(wide.mul(t.add(leaves).min(one)))
-                .add(slack);
-            square.le(most.mul(most))
+    fn near(&self, sphere: &Sphere) -> u16 {
+        let simd = self.inverse.simd;
+        let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
+        let center = sphere.center.as_vec3();
+        let radius = sphere.radius as f32;
+        let [mut q, d] = [[zero; 3], self.ray];
+        for k in 0..3 {
+            q[k] = center[k] - self.origin[k];
         }
+        let along = q[0] * d[0] + q[1] * d[1] + q[2] * d[2];
+        let t = (along * self.inverse).greater(zero).lesser(one);
+        let mut square = zero;
+        for k in 0..3 {
+            let off = q[k] - t * d[k];
+            square = square + off * off;
+        }
+        let wide = self.reach * self.found.limit().load(simd);
+        let slack = SLACK * (2.0 + radius) + 1e-5 * wide;
+        let leaves = (radius + wide) * self.inverse.sqrt();
+        let most = radius + wide * (t + leaves).lesser(one) + slack;
+        square.le(most * most)
     }
 }
 

@@ -11,7 +11,7 @@ use crate::bvh::packet::Stack;
 use crate::geometry::entry::Material;
 use crate::light::Light;
 use crate::scene::Scene;
-use crate::simd::{LANES, Level, detect};
+use crate::simd::{LANES, detect, levels};
 
 struct Random(u64);
 
@@ -92,13 +92,11 @@ fn the_tree_finds_what_all_triangles_one_by_one_say() {
         for light in lights(&mut random) {
             let views = views(&mut random, &light.to_local(&geometry.frame));
             let mut rows = vec![];
-            for level in [Level::Portable, Level::Avx2, Level::Avx512] {
-                if level <= detect() {
-                    found.clear(false);
-                    let active = u16::MAX;
-                    let blocked = search(level, bvh, None, &views, active, &mut found, &mut stack);
-                    rows.push((blocked, found.limit().0));
-                }
+            for (_, level) in levels() {
+                found.clear(false);
+                let active = u16::MAX;
+                let blocked = search(level, bvh, None, &views, active, &mut found, &mut stack);
+                rows.push((blocked, found.limit().0));
             }
             for (level, (blocked, row)) in rows.iter().enumerate() {
                 let plain = packet::blocked(bvh, &views.packet, u16::MAX, &mut stack);

@@ -7,6 +7,7 @@
 
 use std::ops::Range;
 
+use fearless_simd::dispatch;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -16,7 +17,7 @@ use crate::light::many::Many;
 use crate::maps::views::View;
 use crate::raster::nearest::NONE;
 use crate::receivers::{BLOCK, GROUP, Receivers};
-use crate::simd::{Lanes, detect, dispatch};
+use crate::simd::detect;
 
 /// Texels on a side of a cell.
 const CELL: u32 = 8;
@@ -136,7 +137,7 @@ impl Group {
     /// holds any of the receivers.
     pub(super) fn free(&mut self, maps: &Maps, receivers: &Many) -> (u64, bool) {
         let (group, view) = (&mut *self, &maps.view);
-        dispatch!(detect() => look(group: &mut Group, receivers: &Many, view: &View));
+        dispatch!(detect(), _ => look(group, receivers, view));
         let mut free = 0;
         for i in 0..receivers.count() {
             let is_free = (0..4).all(|k| {
@@ -150,13 +151,9 @@ impl Group {
     }
 }
 
-/// Free of branches, for the compiler's vectoriser; the type says what `dispatch!` compiles it for.
-#[allow(
-    clippy::extra_unused_type_parameters,
-    reason = "`dispatch!` names the lanes"
-)]
+/// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-unsafe fn look<S: Lanes>(group: &mut Group, receivers: &Many, view: &View) {
+fn look(group: &mut Group, receivers: &Many, view: &View) {
     for i in 0..GROUP {
         let (p, n) = receivers.at(i);
         let (receiver, depth) = Receiver::new(view, p, n);

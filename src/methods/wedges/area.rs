@@ -24,10 +24,12 @@
 //! Along a chain of those, sectors add up to the one between the first vertex and the last, and a whole number
 //! of turns; only the triangles are left to sum.
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
+
 use super::block::{Block, LightFrame};
 use super::edge::AreaEdge;
 use super::sector::{Inner, Line, Seen, Stored, turn};
-use crate::simd::{Lanes, Row, detect, dispatch};
+use crate::simd::{Lanes, Row, detect};
 
 /// What [`cover`] works on, kept between calls.
 #[derive(Debug, Clone, Default)]
@@ -49,13 +51,12 @@ pub fn cover(
     out: &mut [Row; 2],
 ) {
     let square = matches!(frame, LightFrame::Flat { square: true, .. });
-    dispatch!(detect() => cover_lanes(
-        square: bool, edges: &[AreaEdge], ids: &[u32], scratch: &mut Scratch, steps: f32, out: &mut [Row; 2],
-    ));
+    dispatch!(detect(), simd => cover_lanes(simd, square, edges, ids, scratch, steps, out));
 }
 
 #[inline(always)]
-unsafe fn cover_lanes<S: Lanes>(
+fn cover_lanes<S: Simd>(
+    simd: S,
     square: bool,
     edges: &[AreaEdge],
     ids: &[u32],
@@ -67,55 +68,52 @@ unsafe fn cover_lanes<S: Lanes>(
         block,
         lines: drawn,
     } = scratch;
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let mut lines = [S::load(&out[0]), S::load(&out[1])];
-        let mut pending = 0;
-        let mut chain = Chain::<S>::new(square);
-        let mut last = u32::MAX;
-        for &id in ids {
-            let edge = &edges[id as usize];
-            let follows = edge.follows && id == last.wrapping_add(1);
-            last = id;
-            let a = match chain.end {
-                Some(end) if follows => end,
-                _ => {
-                    chain.finish();
-                    Seen::new(block, &edge.ends[0], square)
-                }
-            };
-            let b = Seen::new(block, &edge.ends[1], square);
-            // Shares that are rounded one by one cannot be summed first.
-            let inner = if steps > 0.0 { 0 } else { a.inside & b.inside };
-            chain.extend(&a, &b, inner, block, edge);
-            let open = !(inner | a.misses(&b, square));
-            if open != 0
-                && let Some(line) = Line::new(block, &a, &b, edge.vector, open, square)
-            {
-                let shadow_side = !block.lit(edge);
-                let next = &mut drawn[pending];
-                next.line.set(&line);
-                (next.shadow_side, next.weights) = (shadow_side, edge.weights);
-                pending += 1;
-                if pending == BATCH {
-                    measure(drawn, square, steps, &mut lines);
-                    pending = 0;
-                }
+    let mut lines = [out[0].load(simd), out[1].load(simd)];
+    let mut pending = 0;
+    let mut chain = Chain::new(simd, square);
+    let mut last = u32::MAX;
+    for &id in ids {
+        let edge = &edges[id as usize];
+        let follows = edge.follows && id == last.wrapping_add(1);
+        last = id;
+        let a = match chain.end {
+            Some(end) if follows => end,
+            _ => {
+                chain.finish();
+                Seen::new(simd, block, &edge.ends[0], square)
+            }
+        };
+        let b = Seen::new(simd, block, &edge.ends[1], square);
+        // Shares that are rounded one by one cannot be summed first.
+        let inner = if steps > 0.0 { 0 } else { a.inside & b.inside };
+        chain.extend(&a, &b, inner, block, edge);
+        let open = !(inner | a.misses(&b, square));
+        if open != 0
+            && let Some(line) = Line::new(simd, block, &a, &b, edge.vector, open, square)
+        {
+            let shadow_side = !block.lit(edge);
+            let next = &mut drawn[pending];
+            next.line.set(&line);
+            (next.shadow_side, next.weights) = (shadow_side, edge.weights);
+            pending += 1;
+            if pending == BATCH {
+                measure(simd, drawn, square, steps, &mut lines);
+                pending = 0;
             }
         }
-        chain.finish();
-        measure(&drawn[..pending], square, steps, &mut lines);
-        let scale = S::splat(1.0 / turn(square));
-        lines[0].add(chain.sum[0].mul(scale)).store(&mut out[0]);
-        lines[1].add(chain.sum[1].mul(scale)).store(&mut out[1]);
     }
+    chain.finish();
+    measure(simd, &drawn[..pending], square, steps, &mut lines);
+    let scale = f32x16::splat(simd, 1.0 / turn(square));
+    out[0].set(lines[0] + chain.sum[0] * scale);
+    out[1].set(lines[1] + chain.sum[1] * scale);
 }
 
 /// Edges that follow each other.
 ///
 /// What a receiver gets is summed term by term in the order of edges, so that neither culling nor the other
 /// receivers of a block change a bit.
-struct Chain<S> {
+struct Chain<S: Simd> {
     square: bool,
     /// Front and back layers that its last edge counts.
     weights: [f32; 2],
@@ -124,83 +122,62 @@ struct Chain<S> {
     /// Lanes in which its last edge is an [`Inner`] one.
     inner: u16,
     /// Front and back layers that inner edges cover, of this chain and those before, in units of [`turn`].
-    sum: [S; 2],
+    sum: [f32x16<S>; 2],
 }
 
-impl<S: Lanes> Chain<S> {
+impl<S: Simd> Chain<S> {
     /// An empty one.
-    ///
-    /// # Safety
-    /// The features of `S` are enabled; so for all methods.
     #[inline(always)]
-    unsafe fn new(square: bool) -> Self {
+    fn new(simd: S, square: bool) -> Self {
         Chain {
             square,
             weights: [0.0; 2],
             end: None,
             inner: 0,
-            // SAFETY: the caller enabled the features of `S`.
-            sum: [unsafe { S::splat(0.0) }; 2],
+            sum: [f32x16::splat(simd, 0.0); 2],
         }
     }
 
     /// Adds the edge from its end `a` to `b` for the lanes `inner`.
     #[inline(always)]
-    unsafe fn extend(
-        &mut self,
-        a: &Seen<S>,
-        b: &Seen<S>,
-        inner: u16,
-        block: &Block,
-        edge: &AreaEdge,
-    ) {
-        // SAFETY: the caller enabled the features of `S`; so for all calls below.
-        unsafe {
-            self.weights = edge.weights;
-            self.bound(a, self.inner & !inner, inner & !self.inner);
-            if inner != 0 {
-                let part = Inner::new(a, b, inner, block, edge);
-                let zero = S::splat(0.0);
-                self.add(zero.sub(part.twice_triangle), inner);
-                if part.more | part.less != 0 {
-                    self.add(S::splat(turn(self.square)), part.more);
-                    self.add(S::splat(-turn(self.square)), part.less);
-                }
+    fn extend(&mut self, a: &Seen<S>, b: &Seen<S>, inner: u16, block: &Block, edge: &AreaEdge) {
+        self.weights = edge.weights;
+        self.bound(a, self.inner & !inner, inner & !self.inner);
+        if inner != 0 {
+            let part = Inner::new(a, b, inner, block, edge);
+            self.add(0.0 - part.twice_triangle, inner);
+            if part.more | part.less != 0 {
+                let turn = f32x16::splat(part.twice_triangle.simd, turn(self.square));
+                self.add(turn, part.more);
+                self.add(-turn, part.less);
             }
-            (self.inner, self.end) = (inner, Some(*b));
         }
+        (self.inner, self.end) = (inner, Some(*b));
     }
 
     /// Lets inner edges end at a vertex in some lanes and start in others.
     #[inline(always)]
-    unsafe fn bound(&mut self, at: &Seen<S>, ends: u16, starts: u16) {
+    fn bound(&mut self, at: &Seen<S>, ends: u16, starts: u16) {
         if ends | starts != 0 {
-            // SAFETY: the caller enabled the features of `S`; so for all calls below.
-            unsafe {
-                let around = at.around(self.square);
-                let signed = around.select(ends, S::splat(0.0).sub(around));
-                self.add(signed, ends | starts);
-            }
+            let around = at.around(self.square);
+            let signed = around.where_bits(ends, 0.0 - around);
+            self.add(signed, ends | starts);
         }
     }
 
     /// Adds a term in some lanes.
     #[inline(always)]
-    unsafe fn add(&mut self, term: S, lanes: u16) {
-        // SAFETY: the caller enabled the features of `S`; so for all calls below.
-        unsafe {
-            let term = term.select(lanes, S::splat(0.0));
-            self.sum[0] = self.sum[0].add(term.mul(S::splat(self.weights[0])));
-            self.sum[1] = self.sum[1].add(term.mul(S::splat(self.weights[1])));
-        }
+    fn add(&mut self, term: f32x16<S>, lanes: u16) {
+        let term = term.where_bits(lanes, 0.0);
+        self.sum[0] = self.sum[0] + term * self.weights[0];
+        self.sum[1] = self.sum[1] + term * self.weights[1];
     }
 
     /// Ends it.
     #[inline(always)]
-    unsafe fn finish(&mut self) {
+    fn finish(&mut self) {
         if let Some(end) = self.end.take() {
-            // SAFETY: the caller enabled the features of `S`.
-            unsafe { self.bound(&end, self.inner, 0) };
+            self.bound(&end, self.inner, 0);
             self.inner = 0;
         }
     }
@@ -223,25 +200,26 @@ struct Pending {
 
 /// Adds what edges cut off.
 #[inline(always)]
-unsafe fn measure<S: Lanes>(lines: &[Pending], square: bool, steps: f32, out: &mut [S; 2]) {
+fn measure<S: Simd>(
+    simd: S,
+    lines: &[Pending],
+    square: bool,
+    steps: f32,
+    out: &mut [f32x16<S>; 2],
+) {
     for pending in lines {
-        // SAFETY: the caller enabled the features of `S`; so for all calls below.
-        unsafe {
-            let beyond = pending.line.line::<S>().beyond(square);
-            let beyond = if steps > 0.0 {
-                let magic = S::splat(12_582_912.0);
-                let rounded = beyond.mul(S::splat(steps)).add(magic).sub(magic);
-                rounded.div(S::splat(steps))
-            } else {
-                beyond
-            };
-            let signed = S::splat(0.0)
-                .sub(beyond)
-                .select(pending.shadow_side, beyond);
-            let [front, back] = pending.weights;
-            out[0] = out[0].add(signed.mul(S::splat(front)));
-            out[1] = out[1].add(signed.mul(S::splat(back)));
-        }
+        let beyond = pending.line.line(simd).beyond(square);
+        let beyond = if steps > 0.0 {
+            let magic = f32x16::splat(simd, 12_582_912.0);
+            let rounded = beyond * steps + magic - magic;
+            rounded / steps
+        } else {
+            beyond
+        };
+        let signed = (0.0 - beyond).where_bits(pending.shadow_side, beyond);
+        let [front, back] = pending.weights;
+        out[0] = out[0] + signed * front;
+        out[1] = out[1] + signed * back;
     }
 }
 

@@ -1,10 +1,11 @@
 //! Sixteen receivers, and how each draws directions onto the light.
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
 use super::edge::{AreaEdge, Split};
 use crate::light::{Disk, Light, Rect, Shape, Sphere};
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use crate::simd::{LANES, Row, detect};
 
 /// Sixteen receivers.
 #[derive(Debug, Clone, Default)]
@@ -29,24 +30,18 @@ impl Block {
             }
         }
         let block = self;
-        dispatch!(detect() => set_lanes(block: &mut Block, frame: &LightFrame));
+        dispatch!(detect(), simd => set_lanes(simd, block, frame));
     }
 
     /// Homogeneous coordinates on the light of directions.
-    ///
-    /// # Safety
-    /// The features of `S` are enabled.
     #[inline(always)]
-    pub(super) unsafe fn draw<S: Lanes>(&self, [x, y, z]: [S; 3]) -> [S; 3] {
-        // SAFETY: the caller enabled the features of `S`.
-        unsafe {
-            let mut out = [x, y, z];
-            for (out, [a, b, c]) in out.iter_mut().zip(&self.matrix) {
-                let (a, b, c) = (S::load(a), S::load(b), S::load(c));
-                *out = a.mul(x).add(b.mul(y)).add(c.mul(z));
-            }
-            out
+    pub(super) fn draw<S: Simd>(&self, simd: S, [x, y, z]: [f32x16<S>; 3]) -> [f32x16<S>; 3] {
+        let mut out = [x, y, z];
+        for (out, [a, b, c]) in out.iter_mut().zip(&self.matrix) {
+            let (a, b, c) = (a.load(simd), b.load(simd), c.load(simd));
+            *out = a * x + b * y + c * z;
         }
+        out
     }
 
     /// Receivers on the lit side of the plane through an edge and the light's centre, as the layers of
@@ -147,7 +142,7 @@ fn towards_flat(center: DVec3, u: DVec3, v: DVec3, n: DVec3, p: DVec3) -> [DVec3
 
 /// Fills all but the exact positions of a block from these.
 #[inline(always)]
-unsafe fn set_lanes<S: Lanes>(block: &mut Block, frame: &LightFrame) {
+fn set_lanes<S: Simd>(simd: S, block: &mut Block, frame: &LightFrame) {
     let [x, y, z] = block.exact;
     let p = |lane: usize| DVec3::new(x[lane], y[lane], z[lane]);
     for lane in 0..LANES {
@@ -171,8 +166,7 @@ unsafe fn set_lanes<S: Lanes>(block: &mut Block, frame: &LightFrame) {
         LightFrame::Flat {
             center, u, v, n, ..
         } => {
-            // SAFETY: the caller enabled the features of `S`.
-            unsafe { S::splat(f32::INFINITY).store(&mut block.far) };
+            block.far.set(f32x16::splat(simd, f32::INFINITY));
             for lane in 0..LANES {
                 put(
                     &mut block.matrix,

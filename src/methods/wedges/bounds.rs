@@ -3,10 +3,11 @@
 
 use std::ops::Range;
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{DVec3, Vec3};
 
 use super::planes;
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use crate::simd::{LANES, Lanes, Row, detect};
 
 /// Coordinates within 2 and unit normals: distances are wrong by a few ulps of 4 at most.
 const SLACK: f32 = 16.0 * f32::EPSILON;
@@ -171,9 +172,9 @@ impl BoundsList {
         let (rows, crossing) = (&self.rows[..], self.crossing);
         match extent {
             None => out.0.extend(&part.0),
-            Some(extent) => dispatch!(detect() => meeting_lanes(
-                rows: &[Sixteen], crossing: bool, part: &Part, extent: &Extent, out: &mut Part,
-            )),
+            Some(extent) => {
+                dispatch!(detect(), simd => meeting_lanes(simd, rows, crossing, part, extent, out))
+            }
         }
     }
 
@@ -213,7 +214,8 @@ impl Part {
 }
 
 #[inline(always)]
-unsafe fn meeting_lanes<S: Lanes>(
+fn meeting_lanes<S: Simd>(
+    simd: S,
     rows: &[Sixteen],
     crossing: bool,
     part: &Part,
@@ -221,8 +223,7 @@ unsafe fn meeting_lanes<S: Lanes>(
     out: &mut Part,
 ) {
     for &(block, mask) in &part.0 {
-        // SAFETY: the caller enabled the features of `S`.
-        let mask = mask & unsafe { meets::<S>(&rows[block as usize], crossing, extent) };
+        let mask = mask & meets(simd, &rows[block as usize], crossing, extent);
         if mask != 0 {
             out.0.push((block, mask));
         }
@@ -230,32 +231,29 @@ unsafe fn meeting_lanes<S: Lanes>(
 }
 
 #[inline(always)]
-unsafe fn meets<S: Lanes>(row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let (c, h) = (extent.center.to_array(), extent.half.to_array());
-        let zero = S::splat(0.0);
-        // Per plane, wedges on whose inner side the box is in part, and on whose outer side.
-        let (mut inner, mut outer) = ([0u16; 4], [0u16; 4]);
-        for plane in 0..4 {
-            let mut middle = zero.sub(S::load(&row.offset[plane]));
-            let mut reach = S::splat(0.0);
-            for axis in 0..3 {
-                let n = S::load(&row.normal[plane][axis]);
-                middle = middle.add(n.mul(S::splat(c[axis])));
-                reach = reach.add(n.abs().mul(S::splat(h[axis])));
-            }
-            inner[plane] = middle.sub(reach).le(zero);
-            outer[plane] = S::splat(-2.0 * SLACK).le(middle.add(reach));
+fn meets<S: Simd>(simd: S, row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
+    let (c, h) = (extent.center.to_array(), extent.half.to_array());
+    let zero = f32x16::splat(simd, 0.0);
+    // Per plane, wedges on whose inner side the box is in part, and on whose outer side.
+    let (mut inner, mut outer) = ([0u16; 4], [0u16; 4]);
+    for plane in 0..4 {
+        let mut middle = zero - row.offset[plane].load(simd);
+        let mut reach = f32x16::splat(simd, 0.0);
+        for axis in 0..3 {
+            let n = row.normal[plane][axis].load(simd);
+            middle = middle + n * c[axis];
+            reach = reach + n.abs() * h[axis];
         }
-        let sides = inner[2] & inner[3];
-        let sides = if crossing {
-            sides | (outer[2] & outer[3])
-        } else {
-            sides
-        };
-        inner[0] & inner[1] & sides
+        inner[plane] = (middle - reach).le(zero);
+        outer[plane] = (middle + reach).ge(-2.0 * SLACK);
     }
+    let sides = inner[2] & inner[3];
+    let sides = if crossing {
+        sides | (outer[2] & outer[3])
+    } else {
+        sides
+    };
+    inner[0] & inner[1] & sides
 }
 
 #[cfg(test)]

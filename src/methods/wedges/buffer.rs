@@ -6,6 +6,7 @@
 //! in its bottom has as many front layers as a closed one. Counting both together would make closed bodies
 //! twice as dark in their penumbrae as sheets.
 
+use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
 use super::area;
@@ -21,7 +22,7 @@ use crate::camera::Camera;
 use crate::light::many::Many;
 use crate::raster::{Cover, SPAN, TILE, Tile, tile_count};
 use crate::receivers::{BLOCK, Receivers};
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use crate::simd::{LANES, Row, detect, positive};
 
 /// Pixels of a tile, and a span more so that every span can be read whole.
 const PIXELS: usize = (TILE * TILE) as usize + SPAN;
@@ -397,10 +398,7 @@ impl Cover for TileBuffer<'_> {
         let places = columns.map(|x| (row * TILE + x) as usize);
         let (position, layers) = (&self.position, &mut self.layers);
         let before = self.before_all;
-        let crossed = dispatch!(detect() => cross_lanes(
-            surface: &Surface, before: bool, places: [usize; 2], position: &[Vec<f64>; 3],
-            layers: &mut [Vec<i32>; 2],
-        ) -> bool);
+        let crossed = dispatch!(detect(), simd => cross_lanes(simd, surface, before, places, position, layers));
         if crossed {
             let [first, last] = columns.map(|x| x / BLOCK);
             self.touched |= (u64::MAX >> (63 - (last - first))) << (row / BLOCK * 8 + first);
@@ -411,7 +409,8 @@ impl Cover for TileBuffer<'_> {
 /// Counts a surface where it lies before receivers, `before` all of a tile or those that it is asked about, from
 /// the first to the last place of a row. Whether there are any.
 #[inline(always)]
-unsafe fn cross_lanes<S: Lanes>(
+fn cross_lanes<S: Simd>(
+    simd: S,
     surface: &Surface,
     before: bool,
     [first, last]: [usize; 2],
@@ -432,8 +431,7 @@ unsafe fn cross_lanes<S: Lanes>(
             for i in 0..SPAN {
                 below[i] = surface.offset - (n.x * x[i] + n.y * y[i] + n.z * z[i]);
             }
-            // SAFETY: the caller enabled the features of `S`.
-            let behind = unsafe { S::positive(&below) };
+            let behind = positive(simd, &below);
             crossed &= if surface.counts(true) {
                 behind
             } else {

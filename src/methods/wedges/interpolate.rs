@@ -18,13 +18,14 @@
 //! receiver is in a wedge once where it is between the side planes, and minus once where it is beyond both in
 //! the order in which they cross; so neighbours add up to one everywhere around a loop.
 
+use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
 use super::planes;
 use super::planes::Plane;
 use super::sector::angle;
 use crate::light::{Light, Rect, Shape};
-use crate::simd::{LANES, Lanes, Row, detect, dispatch};
+use crate::simd::{LANES, Lanes, Row, detect};
 
 /// How `s` turns into intensity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,89 +97,76 @@ pub fn cover(wedges: &[Wedge], ids: &[u32], receivers: &[DVec3], steps: f32, out
         }
     }
     let position = &position;
-    dispatch!(detect() => cover_lanes(
-        wedges: &[Wedge], ids: &[u32], position: &[[f64; LANES]; 3], steps: f32, out: &mut [Row; 2],
-    ));
+    dispatch!(detect(), simd => cover_lanes(simd, wedges, ids, position, steps, out));
 }
 
 #[inline(always)]
-unsafe fn cover_lanes<S: Lanes>(
+fn cover_lanes<S: Simd>(
+    simd: S,
     wedges: &[Wedge],
     ids: &[u32],
     position: &[[f64; LANES]; 3],
     steps: f32,
     out: &mut [Row; 2],
 ) {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let zero = S::splat(0.0);
-        let mut front = S::load(&out[0]);
-        let mut back = S::load(&out[1]);
-        for &id in ids {
-            let wedge = &wedges[id as usize];
-            let f = distance::<S>(&wedge.planes[0], position);
-            let b = distance::<S>(&wedge.planes[1], position);
-            // The front plane's own side as its quad's crossing has it; `distance` keeps signs.
-            let between = f.lt(zero) & zero.lt(b);
-            if between == 0 {
-                continue;
-            }
-            let l = distance::<S>(&wedge.planes[2], position);
-            let r = distance::<S>(&wedge.planes[3], position);
-            let (after_l, after_r) = (zero.le(l), zero.le(r));
-            let inside = between & after_l & !after_r;
-            let inverted = between & !after_l & after_r;
-            if inside | inverted == 0 {
-                continue;
-            }
-            let f = zero.sub(f);
-            let t_l = l.mul(S::splat(wedge.along[0]));
-            let t_r = zero.sub(r).mul(S::splat(wedge.along[1]));
-            let (t_lf, t_lb) = (
-                f.mul(S::splat(wedge.front[0])),
-                b.mul(S::splat(wedge.back[0])),
-            );
-            let (t_rf, t_rb) = (
-                f.mul(S::splat(wedge.front[1])),
-                b.mul(S::splat(wedge.back[1])),
-            );
-            let (sum_l, sum_r) = (t_lf.add(t_lb), t_rf.add(t_rb));
-            let top = t_r.mul(t_lb).mul(sum_r).add(t_l.mul(t_rb).mul(sum_l));
-            let bottom = t_l.add(t_r).mul(sum_l).mul(sum_r);
-            // On the edge itself all distances are zero, and neither lit nor dark is wrong.
-            let whole = zero.lt(bottom.abs());
-            let s = top.div(bottom).select(whole, S::splat(0.5));
-            let s = s.max(zero).min(S::splat(1.0));
-            let s = match wedge.falloff {
-                Falloff::Linear => s,
-                Falloff::Smooth => {
-                    let smooth = s.mul(s).mul(S::splat(3.0).sub(s.add(s)));
-                    smooth.min(S::splat(1.0))
-                }
-                Falloff::Line if wedge.part < 0.0 => line_over_disk::<S>(s),
-                Falloff::Line => line_over_rectangle::<S>(s, wedge.part),
-            };
-            let s = if steps > 0.0 {
-                let magic = S::splat(12_582_912.0);
-                s.mul(S::splat(steps))
-                    .add(magic)
-                    .sub(magic)
-                    .div(S::splat(steps))
-            } else {
-                s
-            };
-            let signed = zero.sub(s).select(inside, s.select(inverted, zero));
-            front = front.add(signed.mul(S::splat(wedge.layers[0])));
-            back = back.add(signed.mul(S::splat(wedge.layers[1])));
+    let zero = f32x16::splat(simd, 0.0);
+    let mut front = out[0].load(simd);
+    let mut back = out[1].load(simd);
+    for &id in ids {
+        let wedge = &wedges[id as usize];
+        let f = distance(simd, &wedge.planes[0], position);
+        let b = distance(simd, &wedge.planes[1], position);
+        // The front plane's own side as its quad's crossing has it; `distance` keeps signs.
+        let between = f.lt(zero) & zero.lt(b);
+        if between == 0 {
+            continue;
         }
-        front.store(&mut out[0]);
-        back.store(&mut out[1]);
+        let l = distance(simd, &wedge.planes[2], position);
+        let r = distance(simd, &wedge.planes[3], position);
+        let (after_l, after_r) = (zero.le(l), zero.le(r));
+        let inside = between & after_l & !after_r;
+        let inverted = between & !after_l & after_r;
+        if inside | inverted == 0 {
+            continue;
+        }
+        let f = zero - f;
+        let t_l = l * wedge.along[0];
+        let t_r = (zero - r) * wedge.along[1];
+        let (t_lf, t_lb) = (f * wedge.front[0], b * wedge.back[0]);
+        let (t_rf, t_rb) = (f * wedge.front[1], b * wedge.back[1]);
+        let (sum_l, sum_r) = (t_lf + t_lb, t_rf + t_rb);
+        let top = t_r * t_lb * sum_r + t_l * t_rb * sum_l;
+        let bottom = (t_l + t_r) * sum_l * sum_r;
+        // On the edge itself all distances are zero, and neither lit nor dark is wrong.
+        let whole = zero.lt(bottom.abs());
+        let s = (top / bottom).where_bits(whole, 0.5);
+        let s = s.greater(zero).lesser(1.0);
+        let s = match wedge.falloff {
+            Falloff::Linear => s,
+            Falloff::Smooth => {
+                let smooth = s * s * (3.0 - (s + s));
+                smooth.lesser(1.0)
+            }
+            Falloff::Line if wedge.part < 0.0 => line_over_disk(s),
+            Falloff::Line => line_over_rectangle(s, wedge.part),
+        };
+        let s = if steps > 0.0 {
+            let magic = f32x16::splat(simd, 12_582_912.0);
+            (s * steps + magic - magic) / steps
+        } else {
+            s
+        };
+        let signed = (zero - s).where_bits(inside, s.where_bits(inverted, zero));
+        front = front + signed * wedge.layers[0];
+        back = back + signed * wedge.layers[1];
     }
+    out[0].set(front);
+    out[1].set(back);
 }
 
 /// Signed distances to a plane, found in `f64`; those that are not zero do not become zero.
 #[inline(always)]
-unsafe fn distance<S: Lanes>(plane: &[f64; 4], position: &[[f64; LANES]; 3]) -> S {
+fn distance<S: Simd>(simd: S, plane: &[f64; 4], position: &[[f64; LANES]; 3]) -> f32x16<S> {
     let [x, y, z] = position;
     let mut out = Row::default();
     for i in 0..LANES {
@@ -190,38 +178,31 @@ unsafe fn distance<S: Lanes>(plane: &[f64; 4], position: &[[f64; LANES]; 3]) -> 
             rounded
         };
     }
-    // SAFETY: the caller enabled the features of `S`.
-    unsafe { S::load(&out) }
+    out.load(simd)
 }
 
 /// Part of a disk on the far side of a line at `2 s - 1` of its radius.
 #[inline(always)]
-unsafe fn line_over_disk<S: Lanes>(s: S) -> S {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let x = s.add(s).sub(S::splat(1.0));
-        let y = S::splat(1.0).sub(x.mul(x)).max(S::splat(0.0)).sqrt();
-        let pi = std::f32::consts::PI;
-        // The angle of the arc, less the triangle.
-        let hidden = angle::<S>(y, x).sub(x.mul(y)).mul(S::splat(1.0 / pi));
-        let one = S::splat(1.0);
-        one.sub(hidden).max(S::splat(0.0)).min(one)
-    }
+fn line_over_disk<S: Simd>(s: f32x16<S>) -> f32x16<S> {
+    let x = s + s - 1.0;
+    let y = (1.0 - x * x).greater(0.0).sqrt();
+    let pi = std::f32::consts::PI;
+    // The angle of the arc, less the triangle.
+    let hidden = (angle::<S>(y, x) - x * y) * (1.0 / pi);
+    let one = f32x16::splat(s.simd, 1.0);
+    (one - hidden).greater(0.0).lesser(one)
 }
 
 /// Part of a rectangle on the far side of a line at `s` of its width, of which its shorter side makes up
 /// `part`: the distribution of the sum of two uniform numbers.
 #[inline(always)]
-unsafe fn line_over_rectangle<S: Lanes>(s: S, part: f32) -> S {
-    // SAFETY: the caller enabled the features of `S`; so for all calls below.
-    unsafe {
-        let zero = S::splat(0.0);
-        let short = part.max(1e-6);
-        let ramp = s.min(S::splat(short));
-        let end = s.sub(S::splat(1.0 - short)).max(zero);
-        let straight = s.sub(S::splat(short)).max(zero);
-        let quadratic = ramp.mul(ramp).sub(end.mul(end)).mul(S::splat(0.5 / short));
-        let part = quadratic.add(straight).mul(S::splat(1.0 / (1.0 - short)));
-        part.max(zero).min(S::splat(1.0))
-    }
+fn line_over_rectangle<S: Simd>(s: f32x16<S>, part: f32) -> f32x16<S> {
+    let zero = f32x16::splat(s.simd, 0.0);
+    let short = part.max(1e-6);
+    let ramp = s.lesser(short);
+    let end = (s - (1.0 - short)).greater(zero);
+    let straight = (s - short).greater(zero);
+    let quadratic = (ramp * ramp - end * end) * (0.5 / short);
+    let part = (quadratic + straight) * (1.0 / (1.0 - short));
+    part.greater(zero).lesser(1.0)
 }
