@@ -137,6 +137,7 @@ impl<S: Simd> Lanes<S> for f32x16<S> {
     #[inline(always)]
     fn lesser(self, o: impl SimdInto<Self, S>) -> Self {
         // x86 has an instruction for just this, which is the crate's `min` there.
+        #[allow(clippy::disallowed_methods, reason = "the same bits on x86")]
         if cfg!(target_arch = "x86_64") {
             return self.min(o);
         }
@@ -145,6 +146,7 @@ impl<S: Simd> Lanes<S> for f32x16<S> {
     }
     #[inline(always)]
     fn greater(self, o: impl SimdInto<Self, S>) -> Self {
+        #[allow(clippy::disallowed_methods, reason = "the same bits on x86")]
         if cfg!(target_arch = "x86_64") {
             return self.max(o);
         }
