@@ -3,9 +3,12 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+EXTRAS := plot,metrics,io,cli,bake,scenes,mitsuba
+# Tests in processes of their own, one a core; neighbours share what a file prepares.
+PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test lint bench fuzz clean
+.PHONY: demo test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -17,24 +20,37 @@ $(VENV)/.tools: pyproject.toml requirements-dev.txt
 
 $(STAMP): $(VENV)/.tools $(SOURCES)
 	$(BIN)/python -m pip install --quiet "maturin>=1.9.4,<2"
-	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet
+	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet --extras $(EXTRAS)
 	touch $@
 
 ## Renders the Stanford bunny's soft shadows with every method into demo/.
 demo: $(STAMP)
 	$(BIN)/python examples/demo.py demo
 
-## Runs every test, Rust and Python.
-test: $(STAMP)
+## Runs every test, Rust and Python, but long studies.
+test: test-rust test-python
+
+test-rust:
 	cargo test --no-default-features --quiet
-	$(BIN)/python -m pytest
+
+test-python: $(STAMP)
+	$(BIN)/python -m pytest $(PARALLEL)
+
+## Runs long studies of what short tests claim, too.
+test-slow: $(STAMP)
+	$(BIN)/python -m pytest $(PARALLEL) -m slow
 
 ## Formatters, linters and type checkers; warnings are errors.
-lint: $(STAMP)
+lint: lint-rust lint-python
+
+# Needs nothing installed, so that `make -j2` does it while the package is built.
+lint-rust:
 	cargo fmt --check
 	cargo clippy --all-targets --quiet -- -D warnings
 	cargo clippy --all-targets --no-default-features --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --document-private-items --quiet
+
+lint-python: $(STAMP)
 	$(BIN)/ruff format --check python tests benches examples
 	$(BIN)/ruff check python tests benches examples
 	$(BIN)/mypy
@@ -56,5 +72,18 @@ SEED    ?= 0
 fuzz: $(STAMP)
 	cd tests && ../$(BIN)/python -m fuzz --seconds $(SECONDS) --seed $(SEED)
 
+## Wheels for every Linux since glibc 2.17, on x86-64 and on Arm, and the source, into dist/.
+TARGETS ?= x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu
+wheels: $(VENV)/.tools
+	$(BIN)/python -m pip install --quiet "maturin>=1.9.4,<2" "ziglang>=0.13"
+	rm -rf dist
+	! command -v rustup > /dev/null || rustup --quiet target add $(TARGETS)
+	export PATH="$(abspath $(BIN)):$$PATH" && for target in $(TARGETS); do \
+		maturin build --quiet --release --zig --target $$target --compatibility manylinux2014 \
+			--out dist || exit 1; \
+	done
+	$(BIN)/maturin sdist --out dist
+	ls -l dist
+
 clean:
-	rm -rf $(VENV) target demo
+	rm -rf $(VENV) target demo dist

@@ -191,7 +191,9 @@ def work(side: str, scene: str, size: int, quick: bool) -> None:
     hello: dict[str, Any] = {"triangles": setup.scene.triangle_count}
     if side.startswith("mitsuba"):
         frame = mitsuba_frames(setup, side)
+        hello["threads"] = importlib.import_module("drjit").thread_count()
     else:
+        hello["threads"] = importlib.import_module("softshadow").thread_count()
         frame = softshadow_frames(setup, cull=not side.endswith("cull=False"))
         hello["prepare"] = first_prepare(setup)
     answer(hello)
@@ -279,7 +281,7 @@ def time_scene(scene: str, arguments: argparse.Namespace) -> list[dict[str, Any]
         hits = frames[workers[0].side][0]["hits"]
         for worker in workers:
             rows.append(summarise(scene, triangles, samples, hits, frames[worker.side]))
-            rows[-1]["side"] = worker.side
+            rows[-1] |= {"side": worker.side, "threads": worker.hello["threads"]}
         ours = rows[-len(workers)]["seconds"]
         for row in rows[-len(workers) :]:
             row["ratio"] = row["seconds"] / ours
@@ -300,6 +302,7 @@ def summarise(
         "scene": scene,
         "triangles": triangles,
         "side": "",
+        "threads": 0,
         "samples": samples,
         "seconds": seconds,
         "fastest": min(times),
@@ -312,16 +315,17 @@ def summarise(
 
 
 HEADER = (
-    f"{'scene':14} {'samples':>7} {'side':22} {'seconds':>8} {'(min':>7} {'max)':>7} "
-    f"{'Mrays/s':>8} {'ratio':>6} {'peak MB':>8}"
+    f"{'scene':14} {'samples':>7} {'side':22} {'threads':>7} "
+    f"{'seconds':>8} {'(min':>7} {'max)':>7} {'Mrays/s':>8} {'ratio':>6} {'peak MB':>8}"
 )
 
 
 def print_row(row: dict[str, Any]) -> None:
     print(
-        f"{row['scene']:14} {row['samples']:7} {row['side']:22} {row['seconds']:8.3f} "
-        f"{row['fastest']:7.3f} {row['slowest']:7.3f} {row['mrays_per_second']:8.1f} "
-        f"{row['ratio']:6.2f} {row['peak_megabytes']:8.0f}  {row['note']}",
+        f"{row['scene']:14} {row['samples']:7} {row['side']:22} {row['threads']:7} "
+        f"{row['seconds']:8.3f} {row['fastest']:7.3f} {row['slowest']:7.3f} "
+        f"{row['mrays_per_second']:8.1f} {row['ratio']:6.2f} {row['peak_megabytes']:8.0f}  "
+        f"{row['note']}",
         flush=True,
     )
 

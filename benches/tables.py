@@ -19,10 +19,10 @@ FRAMES = 2
 
 
 def table(name: str, rows: Iterable[dict[str, Any]]) -> None:
-    """Print rows as they come and write them to ``results/<name>.csv``."""
+    """Print rows as they come and write them to ``results/<name>.csv``, with how many threads."""
     done: list[dict[str, Any]] = []
-    print(f"\n{name}", flush=True)
-    for row in rows:
+    print(f"\n{name} ({ss.thread_count()} threads)", flush=True)
+    for row in ({**row, "threads": ss.thread_count()} for row in rows):
         if not done:
             print(" | ".join(row))
         cells = [f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()]

@@ -31,7 +31,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
-use crate::light::{Light, Shape, Sphere};
+use crate::light::{Light, Sphere};
 use crate::method::{Method, Prepared, Shading};
 use crate::raster::nearest::NONE;
 use crate::receivers::Receivers;
@@ -120,10 +120,7 @@ pub fn prepare(
 /// How far away the nearest of a light is, about.
 fn distance(light: &Light) -> f64 {
     let distance = light.center().length();
-    match light.shape {
-        Shape::Sphere(Sphere { radius, .. }) => distance - radius,
-        Shape::Rect(..) | Shape::Disk(..) => distance,
-    }
+    distance - light.as_sphere().map_or(0.0, |sphere| sphere.radius)
 }
 
 /// The map `T`.
@@ -155,8 +152,8 @@ impl Moved {
         let center = light.center();
         let distance = center.length();
         // What of the light keeps its directions: a flat light's middle, the outline of a sphere.
-        let (towards, height, outline) = match light.shape {
-            Shape::Sphere(Sphere { radius, .. }) => {
+        let (towards, height, outline) = match light.as_sphere() {
+            Some(Sphere { radius, .. }) => {
                 let sin = radius / distance;
                 (
                     center / distance,
@@ -164,7 +161,7 @@ impl Moved {
                     1.0 - sin * sin,
                 )
             }
-            Shape::Rect(..) | Shape::Disk(..) => {
+            None => {
                 let towards = -light.normal()?;
                 (towards, towards.dot(center), 1.0)
             }

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import softshadow as ss
 import trimesh
+import typed
+from clocks import Stopwatch
 from shapes import bumpy, geodesic, quad
 
 LIGHT = ss.RectLight((0.3, 0.2, 2.5), (0, 0.8, 0), (0.8, 0, 0))
@@ -138,9 +140,10 @@ def test_preparing_once_gives_the_same_images_and_keeps_what_it_built(scene):
 
 def test_what_is_built_for_a_scene_is_kept_with_it():
     scene = _scene(100)
-    first, second = (ss.prepare(scene, LIGHT, "ray_traced").seconds["prepare"] for _ in range(2))
-    # Building takes some 0.1 s for 200,000 triangles, finding it again microseconds.
-    assert second < 0.1 * first
+    first, *later = (ss.prepare(scene, LIGHT, "ray_traced").seconds["prepare"] for _ in range(4))
+    # Building takes some 0.1 s for 200,000 triangles, finding it again microseconds, but where
+    # another process has its turn.
+    assert min(later) < 0.1 * first
 
 
 def test_all_kinds_of_meshes_are_taken(tmp_path):
@@ -201,10 +204,10 @@ def _stopping(after):
 
 def test_progress_is_told_growing_fractions_and_its_exception_stops_the_work(scene):
     told, callback = _stopping(8)
-    start = time.perf_counter()
+    watch = Stopwatch()
     with pytest.raises(_Enough):
         ss.prepare(scene, LIGHT, SLOW).render(LARGE, callback)
-    assert time.perf_counter() - start < 5
+    assert watch.longest() < 5
     assert len(told) == 8
     assert told == sorted(told)
     assert 0 <= told[0] < told[-1] < 1
@@ -244,24 +247,30 @@ def test_a_progress_bar_can_be_asked_for(scene, capsys):
 
 
 def _seconds_to_interrupt(call, after=0.5):
-    """Seconds from a SIGINT, sent `after` seconds into the call, to the exception."""
-    sent = []
+    """Seconds from a SIGINT to its answer, sent after so many that all threads worked.
+
+    Of the thread that works longest: what one waits on an idle machine, and on a busy one no more.
+    """
+    sent, start, over = [], Stopwatch(), threading.Event()
 
     def send():
-        time.sleep(after)
-        sent.append(time.perf_counter())
+        while start.seconds() < after and not over.wait(0.005):
+            pass
+        sent.append(Stopwatch())
         os.kill(os.getpid(), signal.SIGINT)
 
     sender = threading.Thread(target=send)
     sender.start()
     try:
         call()
-        finished = time.perf_counter()
+        took = start.seconds()
+        over.set()
         sender.join()
-        pytest.fail(f"the call took only {finished - sent[0] + after:.2f} s")
+        pytest.fail(f"the call took only {took:.2f} s")
     except KeyboardInterrupt:
-        return time.perf_counter() - sent[0]
+        return sent[0].longest() if sent else pytest.fail("interrupted from elsewhere")
     finally:
+        over.set()
         sender.join()
 
 
@@ -295,7 +304,6 @@ def _veils(count=40):
 
 @pytest.mark.parametrize("what", BUSY)
 def test_ctrl_c_is_answered_within_a_fifth_of_a_second(what):
-    # The limit leaves 0.05 s for a machine whose other core is busy.
     assert _seconds_to_interrupt(BUSY[what]) < 0.25
 
 
@@ -322,15 +330,15 @@ def test_ctrl_c_is_answered_while_a_large_mesh_is_prepared(million, after):
 def test_ctrl_c_is_answered_while_the_distorted_image_is_found():
     scene, light = _scene(64), ss.SphereLight((0.3, 0.2, 2.5), 0.4)
 
-    def build():
-        return ss.prepare(scene, light, ss.Ssoc(resolution=4096, distorted=True))
+    def build(resolution=4096):
+        return ss.prepare(scene, light, ss.Ssoc(resolution=resolution, distorted=True))
 
-    build()  # with the adjacency and the ray hierarchy that later calls find
-    start = time.perf_counter()
+    build(64)  # with the adjacency and the ray hierarchy that later calls find
+    start, watch = time.perf_counter(), Stopwatch()
     image = build().render(CAMERA)
-    took = time.perf_counter() - start
+    took, worked = time.perf_counter() - start, watch.seconds()
     # The last stage of preparing, and more than half of it: into its middle.
-    after = took - 0.5 * image.seconds["reference image"]
+    after = worked * (1 - 0.5 * image.seconds["reference image"] / took)
     assert _seconds_to_interrupt(build, after) < 0.25
 
 
@@ -343,6 +351,16 @@ def test_an_interrupted_scene_still_works():
 
 def test_other_threads_run_meanwhile(scene):
     """A kernel keeps the interpreter lock for none of its time: another thread's loop goes on."""
+    # A held lock leaves a gap of the whole call, 0.6 s, each time; other processes now and then.
+    for _ in range(5):
+        gap, count = _longest_gap(scene)
+        if gap < 0.3 and count > 30:
+            return
+    pytest.fail(f"{count} beats, one after {gap:.2f} s")
+
+
+def _longest_gap(scene):
+    """The longest time that another thread does not run in during a call, and how often it runs."""
     beats, stop = [], threading.Event()
 
     def beat():
@@ -363,9 +381,7 @@ def test_other_threads_run_meanwhile(scene):
         thread.join()
     assert told
     during = [b for b in beats if start <= b <= end]
-    # A held lock would leave a gap of the whole call, 0.6 s; a busy machine leaves some tenths.
-    assert np.diff([start, *during, end]).max() < 0.3
-    assert len(during) > 30
+    return np.diff([start, *during, end]).max(), len(during)
 
 
 def test_threads_can_share_a_scene():
@@ -386,3 +402,11 @@ def test_threads_can_share_a_scene():
         thread.join()
     assert len(results) == 8
     assert all(np.array_equal(r, expected) for r in results)
+
+
+def test_what_a_type_checker_sees_is_so():
+    """Linters check the types of what runs here."""
+    height, brightness = typed.lights()
+    assert (height, brightness) == (4 - 1 + 4 + 0, 6 + 2 + 0.5 + 0.5)
+    assert typed.pictures().dtype == np.float32
+    assert typed.maps().shape == (4,)

@@ -6,10 +6,8 @@ Degenerate input is normal input.
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
-import textwrap
 
+import fresh
 import numpy as np
 import pytest
 import softshadow as ss
@@ -382,13 +380,7 @@ def test_an_image_too_big_for_memory_is_an_error():
         except (ValueError, MemoryError) as error:
             print("refused:", error)
     """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = fresh.run(program, seconds=60)
     assert done.returncode == 0, (done.returncode, done.stderr[-300:])
     assert done.stdout.startswith("refused:")
     assert "65536" in done.stdout

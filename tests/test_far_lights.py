@@ -13,18 +13,11 @@ import numpy as np
 import pytest
 import softshadow as ss
 from shapes import bumpy, quad
+from small_methods import MAP_NAMES, methods
 
 SINE = 0.05
 DISTANCES = (127.0, 135.0, 1e6, 1e12, 1e60)
-MAPS = {
-    "slsm": ss.Slsm(resolution=256),
-    "mlsm": ss.Mlsm(resolution=256),
-    "mtsm": ss.Mtsm(resolution=256),
-    "mvsm": ss.Mvsm(resolution=256),
-    "pcf": ss.Pcf(resolution=256),
-    "deep": ss.DeepShadow(resolution=256),
-    "ssoc": ss.Ssoc(resolution=256),
-}
+MAPS = methods(MAP_NAMES, resolution=256)
 OTHERS = ("hard", "single_sample", "shadow_volume", "wedges", "accumulation")
 DIRECTIONS = {"above": (0, 0, 1), "slanted": (0.5, 0.3, 0.8)}
 KINDS = ("rect", "disk", "tilted", "sphere")

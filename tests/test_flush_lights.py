@@ -8,19 +8,11 @@ import numpy as np
 import pytest
 import softshadow as ss
 from shapes import quad
+from small_methods import MAP_NAMES, methods
 from trimesh.transformations import rotation_matrix
 
 # What is dark or lit as a whole is so in small maps, too.
-POINT_METHODS = {
-    "hard": ss.Hard(),
-    "ssoc": ss.Ssoc(resolution=128),
-    "slsm": ss.Slsm(resolution=128),
-    "mlsm": ss.Mlsm(resolution=128),
-    "mtsm": ss.Mtsm(resolution=128),
-    "mvsm": ss.Mvsm(resolution=128),
-    "pcf": ss.Pcf(resolution=128),
-    "deep": ss.DeepShadow(resolution=128),
-}
+POINT_METHODS = methods(("hard", *MAP_NAMES), resolution=128)
 CAMERA_METHODS = ("shadow_volume", "wedges", "accumulation", "convolution")
 ULP = 2.0**-52
 # Off the ceiling, into the room where positive: an ulp of the light's height, and half of what is

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
+import fresh
 import numpy as np
 import pytest
 import softshadow as ss
@@ -39,15 +37,11 @@ def test_seeds_draw_every_kind_and_each_of_them_the_same_case():
 
 def test_bits_do_not_depend_on_threads_in_other_processes():
     """The driver's way: its two processes agree on what they see, and it counts what it ran."""
-    run = subprocess.run(
-        [sys.executable, "-m", "fuzz", "--seconds", "60", "--seed", "4", "--count", "1"],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.endswith("1 cases from 4, 0 failures\n")
+    driver = "import sys; from fuzz.__main__ import main; sys.exit(main())"
+    options = "--seconds", 60, "--seed", 4, "--count", 1
+    done = fresh.run(driver, *options, seconds=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith("1 cases from 4, 0 failures\n")
 
 
 # ---------------------------------------------------------------- brute force and closed forms

@@ -1,4 +1,4 @@
-"""What keeps the core's floors: no loops of modules, methods apart, light shapes asked for by name."""
+"""What keeps the core's floors: no loops, methods apart, light shapes asked for by name."""
 
 from __future__ import annotations
 

@@ -7,25 +7,15 @@ import pytest
 import softshadow as ss
 from penumbrae import box
 from shapes import quad
+from small_methods import AT_POINTS, methods
 
-AT_POINTS = {
-    "hard": ss.Hard(),
-    "ray_traced": ss.RayTraced(samples=64),
-    "single_sample": ss.SingleSample(),
-    "ssoc": ss.Ssoc(resolution=256),
-    "slsm": ss.Slsm(resolution=128, samples=16),
-    "mlsm": ss.Mlsm(resolution=128, layers=4, samples=16),
-    "mtsm": ss.Mtsm(resolution=128, layers=4, samples=16),
-    "mvsm": ss.Mvsm(resolution=128, samples=16),
-    "pcf": ss.Pcf(resolution=128, samples=16),
-    "deep": ss.DeepShadow(resolution=128, samples=16),
+OWN = {
+    "ray_traced": {"samples": 64},
+    "ssoc": {"resolution": 256},
+    "mlsm": {"layers": 4},
+    "mtsm": {"layers": 4},
 }
-METHODS = AT_POINTS | {
-    "shadow_volume": ss.ShadowVolume(),
-    "wedges": ss.Wedges(),
-    "accumulation": ss.Accumulation(samples=16),
-    "convolution": ss.Convolution(),
-}
+METHODS = methods(ss.method_names(), OWN, resolution=128, samples=16)
 # What a ground's size may change, mean over a picture. Textures are as coarse as their polygons
 # are large: on a ground of 10 coarser than where they are fitted to the box's shadow. Maps of a
 # sphere light look towards the middle of the scene, and their texels are turned with it.

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import softshadow as ss
+from bits import digest, with_threads
 from shapes import quad
 
 GROUND = quad((0, 0, 0), (6, 0, 0), (0, 6, 0))
@@ -25,8 +22,13 @@ def _render(setup, method):
 def _error(setup, method, reference=None):
     """Mean absolute error over the picture, and over its penumbrae."""
     exact = _render(setup, REFERENCE) if reference is None else reference
+    return _apart(_render(setup, method), exact)
+
+
+def _apart(image, exact):
+    """The same of an image that is rendered."""
     partly = exact.mask & (exact.visibility > 0.002) & (exact.visibility < 0.998)
-    error = np.abs(_render(setup, method).visibility.astype(np.float64) - exact.visibility)
+    error = np.abs(image.visibility.astype(np.float64) - exact.visibility)
     return error[exact.mask].mean(), error[partly].mean()
 
 
@@ -149,8 +151,8 @@ def test_the_light_points_are_those_of_the_reference():
     setup = ss.scenes.half_plane(96, 96, light="rect")
     own, other = (_render(setup, ss.RayTraced(16, seed=s, pattern="fixed")) for s in (3, 4))
     # All levels of the map but the finest are left out (measured: 0.0009 and 0.026).
-    method = ss.Mtsm(4096, 1, samples=16, seed=3, detail=1000)
-    assert _error(setup, method, own)[1] < 0.1 * _error(setup, method, other)[1]
+    found = _render(setup, ss.Mtsm(4096, 1, samples=16, seed=3, detail=1000))
+    assert _apart(found, own)[1] < 0.1 * _apart(found, other)[1]
 
 
 @pytest.mark.parametrize(
@@ -370,25 +372,13 @@ def test_random_soups_give_finite_visibilities(name, kind):
 
 
 def test_the_bits_do_not_depend_on_the_number_of_threads():
-    script = (
-        "import hashlib, softshadow as ss\n"
-        "for opacity in (1, 0.5):\n"
-        "    s = ss.scenes.closed_solids(64, 64, detail=3, opacity=opacity)\n"
-        "    v = ss.render(s.scene, s.camera, s.light, ss.Mtsm(samples=64)).visibility\n"
-        "    print(hashlib.sha256(v.tobytes()).hexdigest())\n"
-    )
-    found = {
-        subprocess.run(
-            [sys.executable, "-c", script],
-            env=os.environ | {"RAYON_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for threads in ("1", "3")
-    }
+    def digests():
+        setups = [ss.scenes.closed_solids(64, 64, detail=3, opacity=o) for o in (1, 0.5)]
+        return tuple(digest(_render(s, ss.Mtsm(samples=64)).visibility) for s in setups)
+
+    found = with_threads(digests, 1, 3)
     assert len(found) == 1
-    assert len(set(found.pop().split())) == 2
+    assert len(set(found.pop())) == 2
 
 
 def test_the_maps_are_arrays():

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 import softshadow as ss
 import trimesh
+from bits import digest, with_threads
+from clocks import Stopwatch
 from shapes import bumpy, quad
 
 GROUND = quad((0, 0, 0), (6, 0, 0), (0, 6, 0))
@@ -278,25 +275,14 @@ def test_random_soups_give_finite_visibilities(name, kind):
 
 
 def test_the_bits_do_not_depend_on_the_number_of_threads():
-    script = (
-        "import hashlib, softshadow as ss\n"
-        "s = ss.scenes.closed_solids(64, 64, detail=3)\n"
-        "for m in (ss.Pcf(128), ss.DeepShadow(128), ss.Mvsm(128, samples=64)):\n"
-        "    v = ss.render(s.scene, s.camera, s.light, m).visibility\n"
-        "    print(hashlib.sha256(v.tobytes()).hexdigest())\n"
-    )
-    found = {
-        subprocess.run(
-            [sys.executable, "-c", script],
-            env=os.environ | {"RAYON_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for threads in ("1", "3")
-    }
+    def digests():
+        setup = ss.scenes.closed_solids(64, 64, detail=3)
+        methods = ss.Pcf(128), ss.DeepShadow(128), ss.Mvsm(128, samples=64)
+        return tuple(digest(_render(setup, method).visibility) for method in methods)
+
+    found = with_threads(digests, 1, 3)
     assert len(found) == 1
-    assert len(set(found.pop().split())) == 3
+    assert len(set(found.pop())) == 3
 
 
 # ---------------------------------------------------------------- parameters
@@ -379,9 +365,9 @@ def test_progress_is_told_and_can_stop_the_work(method):
             raise EnoughError
 
     setup = ss.scenes.closed_solids(256, 256, detail=2)
-    start = time.perf_counter()
+    watch = Stopwatch()
     with pytest.raises(EnoughError):
         ss.render(setup.scene, setup.camera, setup.light, method, callback)
-    # Told every 0.05 s; then what is being done ends within 0.2 s, on a busy machine within more.
-    assert time.perf_counter() - start < 2
+    # Told every 0.05 s; then what is being done ends within 0.2 s.
+    assert watch.longest() < 2
     assert told == sorted(told)

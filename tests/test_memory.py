@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 
+import fresh
 import pytest
 import softshadow as ss
 
@@ -39,16 +38,10 @@ except MemoryError as error:
 @pytest.mark.parametrize("method", ["ray_traced", "wedges", "mtsm"])
 @pytest.mark.parametrize("extra", [5, 60, 200, 500])
 def test_little_address_space_is_an_answer_or_a_memory_error(method, extra):
-    run = subprocess.run(
-        [sys.executable, "-c", PROGRAM, method, str(extra)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        # Telling the stack of a panic takes memory, too.
-        env={**os.environ, "RUST_BACKTRACE": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.startswith(("image", "MemoryError"))
+    # Telling the stack of a panic takes memory, too.
+    done = fresh.run(PROGRAM, method, extra, RUST_BACKTRACE="1")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(("image", "MemoryError"))
 
 
 def test_too_much_is_both_a_parameter_error_and_a_memory_error():

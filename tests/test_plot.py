@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
+import fresh
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -126,8 +124,9 @@ def test_drawing_neither_imports_pyplot_nor_chooses_a_backend():
         "figure.savefig(io.BytesIO(), format='png')\n"
         "print('matplotlib.pyplot' in sys.modules)"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["False"]
+    done = fresh.run(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["False"]
 
 
 @pytest.mark.parametrize(

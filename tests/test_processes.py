@@ -8,12 +8,10 @@ import multiprocessing
 import os
 import pickle
 import signal
-import subprocess
-import sys
-import textwrap
 import threading
 import time
 
+import fresh
 import numpy as np
 import pytest
 import softshadow as ss
@@ -154,7 +152,7 @@ def test_no_kernel_runs_on_threads_that_do_not_survive_a_fork():
         t._everything(scene, t.ss.prepare(scene, t.LIGHT, t.METHOD))
         assert others() <= before, others() - before
     """
-    done = _python(code)
+    done = fresh.run(code)
     assert done.returncode == 0, done.stderr
 
 
@@ -215,6 +213,8 @@ def _task(scene, camera, light, method):
 
 
 KINDS = [k for k in ("fork", "spawn", "forkserver") if k in multiprocessing.get_all_start_methods()]
+if "forkserver" in KINDS:  # its children need not import the package each
+    multiprocessing.get_context("forkserver").set_forkserver_preload(["softshadow"])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -264,16 +264,6 @@ def test_joblib_works_after_use_in_the_parent(backend):
 # ---------------------------------------------------------------- threads
 
 
-def _python(code, **environment):
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        env={**os.environ, "PYTHONPATH": os.path.dirname(__file__), **environment},
-        capture_output=True,
-        text=True,
-        timeout=2 * PATIENCE,
-    )
-
-
 def test_threads_can_be_set():
     default = ss.thread_count()
     expected = _picture()
@@ -314,9 +304,9 @@ def test_numbers_of_threads_are_checked(count):
 
 def test_the_environment_says_how_many_threads():
     code = "import softshadow as ss; print(ss.thread_count())"
-    assert _python(code, RAYON_NUM_THREADS="3").stdout.split() == ["3"]
+    assert fresh.run(code, RAYON_NUM_THREADS="3").stdout.split() == ["3"]
     for unset in ("0", "", "many"):  # as rayon has it
-        number = _python(code, RAYON_NUM_THREADS=unset).stdout.split()
+        number = fresh.run(code, RAYON_NUM_THREADS=unset).stdout.split()
         assert number == [str(len(os.sched_getaffinity(0)))]
 
 

@@ -12,7 +12,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import softshadow as ss
-from softshadow.models import stanford_bunny_path
+from softshadow.scenes import stanford_bunny_path
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -94,3 +94,27 @@ def test_links_lead_somewhere():
     for page in pages:
         for link in re.findall(r"\]\(([^)#:\s]+)\)", page.read_text()):
             assert (page.parent / link).exists(), (page, link)
+
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+
+
+@pytest.mark.parametrize("name", ss.method_names())
+def test_every_method_s_page_has_the_same_headings(name):
+    page = (ROOT / "docs" / "methods" / f"{name}.md").read_text()
+    assert re.findall(r"^## (.*)$", page, re.M) == [
+        "What it computes",
+        "When to choose it",
+        "Parameters",
+        "Errors",
+        "Cost",
+        "Where it is wrong",
+        "Hard cases",
+    ]
+
+
+def test_pages_name_files_that_exist():
+    folders = "src|python|tests|benches|docs|examples|notebooks"
+    for page in PAGES:
+        for path in re.findall(rf"`((?:{folders})/[\w./-]+)`", page.read_text()):
+            assert (ROOT / path).exists(), (page.name, path)

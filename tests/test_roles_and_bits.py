@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import subprocess
@@ -11,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 import softshadow as ss
+from bits import digest, with_threads
 from closed_forms import FLOOR, MANY, METHODS
 from fuzz.checks import METHODS as SMALL
 from shapes import geodesic
@@ -118,10 +118,7 @@ def test_errors_of_lights_that_share_samples_are_no_larger_than_those_of_one():
 
 
 def _digest(image):
-    h = hashlib.sha256()
-    for array in (image.visibility, image.radiance, image.position, image.triangle_id):
-        h.update(np.ascontiguousarray(array).tobytes())
-    return h.hexdigest()
+    return digest(image.visibility, image.radiance, image.position, image.triangle_id)
 
 
 @pytest.mark.parametrize("pattern", ["per_receiver", "fixed"])
@@ -136,14 +133,19 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(pattern):
     assert len(set(digests)) == 4
 
 
-PROGRAM = """
-import softshadow as ss
-from test_roles_and_bits import VIEW, WIDE, _digest, _penumbra_scene
-lights = [WIDE, ss.SphereLight((-1, 0.5, 1.5), 0.3)]
-for scene in (_penumbra_scene(), _penumbra_scene(opacity=0.3)):
-    for method in ("hard", ss.RayTraced(64), ss.RayTraced(64, cull=False)):
-        print(_digest(ss.render(scene, VIEW, lights, method)))
-"""
+def test_the_number_of_threads_changes_no_bit():
+    lights = [WIDE, ss.SphereLight((-1, 0.5, 1.5), 0.3)]
+
+    def digests():
+        return tuple(
+            _digest(ss.render(scene, VIEW, lights, method))
+            for scene in (_penumbra_scene(), _penumbra_scene(opacity=0.3))
+            for method in ("hard", ss.RayTraced(64), ss.RayTraced(64, cull=False))
+        )
+
+    found = with_threads(digests, 1, 2, 7)
+    assert len(found) == 1
+    assert len(set(found.pop())) == 4  # culling changes nothing
 
 
 def _run(program, **variables):
@@ -157,13 +159,6 @@ def _run(program, **variables):
         check=True,
         timeout=120,
     ).stdout.split()
-
-
-def test_the_number_of_threads_changes_no_bit():
-    one, two, many = (_run(PROGRAM, RAYON_NUM_THREADS=threads) for threads in "127")
-    assert len(one) == 6
-    assert len(set(one)) == 4  # culling changes nothing
-    assert one == two == many
 
 
 LEVELS = """

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import softshadow as ss
+from bits import digest, with_threads
 from penumbrae import CAMERA, ball, box, lights, over_ground, torus
 from shapes import bumpy, quad
 from softshadow import metrics
@@ -117,30 +113,15 @@ def test_counting_wedges_between_planes_from_either_end_is_the_same(options):
         assert np.abs(one.visibility - two.visibility).max() < 1e-5
 
 
-def test_the_same_bits_with_any_number_of_threads(tmp_path):
-    code = """
-import hashlib, sys
-import softshadow as ss
-sys.path.insert(0, sys.argv[1])
-from test_wedges_settings import CAMERA, _scene, lights
-digest = hashlib.sha256()
-for options in ({}, {"falloff": "line"}, {"quads": 4, "counting": "zfail"}, {"overlap": "add"}):
-    image = ss.render(_scene(), CAMERA, list(lights().values())[1:3], ss.Wedges(**options))
-    digest.update(image.visibility.tobytes() + image.radiance.tobytes())
-print(digest.hexdigest())
-"""
-    found = set()
-    for threads in ("1", "2"):
-        done = subprocess.run(
-            [sys.executable, "-c", code, os.path.dirname(__file__)],
-            env={**os.environ, "RAYON_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        found.add(done.stdout.strip())
-    assert len(found) == 1
-    assert len(found.pop()) == hashlib.sha256().digest_size * 2
+def test_the_same_bits_with_any_number_of_threads():
+    kinds = {}, {"falloff": "line"}, {"quads": 4, "counting": "zfail"}, {"overlap": "add"}
+
+    def digests():
+        two = list(lights().values())[1:3]
+        images = [ss.render(_scene(), CAMERA, two, ss.Wedges(**options)) for options in kinds]
+        return digest(*(a for image in images for a in (image.visibility, image.radiance)))
+
+    assert len(with_threads(digests, 1, 2)) == 1
 
 
 def test_the_integer_buffer_rounds_every_wedge_once():

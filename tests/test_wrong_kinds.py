@@ -12,6 +12,7 @@ import re
 import numpy as np
 import pytest
 import softshadow as ss
+from small_methods import methods
 from softshadow.methods import resolve
 
 NAN, INF = float("nan"), float("inf")
@@ -387,12 +388,16 @@ def test_opacities_are_checked_before_they_are_rounded(value):
             call()
 
 
-@pytest.mark.parametrize("method", ss.method_names())
+# Radiance is the same arithmetic whatever a map's size.
+SMALL = methods(ss.method_names(), resolution=128, max_size=64)
+
+
+@pytest.mark.parametrize("method", SMALL.values(), ids=SMALL)
 def test_radiance_is_finite_up_to_the_largest_and_an_error_beyond(method):
     ground = ss.Scene()
     ground.add(([(-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0)], [(0, 1, 2), (0, 2, 3)]), "g")
     ground.add(([(-9, -9, -3), (9, -9, -3), (9, 9, -3)], [(0, 1, 2)]), "below")
-    if method in ("wedges", "shadow_volume", "ssoc", "convolution"):
+    if method.name in ("wedges", "shadow_volume", "ssoc", "convolution"):
         ground.remove("below")
     camera = ss.Camera((0, -3, 2), (0, 0, 0), width=16, height=12)
 

@@ -2,16 +2,23 @@
 
 >>> import softshadow as ss
 >>> scene = ss.Scene()
->>> bunny = scene.add("bunny.ply")
->>> camera = ss.Camera(eye=(0, -130, 80), target=(0, 0, 18))
->>> light = ss.RectLight(center=(50, -10, 120), edge_u=(0, 25, 0), edge_v=(25, 0, 0))
+>>> ground = scene.add(ss.scenes.square(3))  # or a path, a trimesh.Trimesh, (vertices, faces)
+>>> ball = scene.add_spheres((0, 0, 1), 0.5)
+>>> camera = ss.Camera(eye=(0, -6, 4), target=(0, 0, 0.5), width=32, height=24)
+>>> light = ss.RectLight(center=(1, 0, 4), edge_u=(0, 1, 0), edge_v=(1, 0, 0))
 >>> image = ss.render(scene, camera, light, method="ray_traced")
+>>> image.visibility.shape
+(24, 32)
 
 Conventions: right-handed world space, world units for all sizes, arrays indexed ``[y, x]`` with
 row 0 on top, *visibility* is 1 where fully lit and 0 in the umbra.
 """
 
-from softshadow import kernels, metrics, mitsuba, plot, scenes
+from importlib import import_module as _import_module
+from types import ModuleType as _ModuleType
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
+from softshadow import kernels, metrics
 from softshadow._core import (
     OutOfMemoryError,
     ParameterError,
@@ -22,6 +29,7 @@ from softshadow._core import (
 from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
+from softshadow.entries import Curves, Mesh, Spheres
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
     Accumulation,
@@ -43,7 +51,14 @@ from softshadow.methods import (
 )
 from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
-from softshadow.scene import Curves, Mesh, Scene, Spheres
+from softshadow.scene import Scene
+
+for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
+    _error.__module__ = __name__  # where users and pickles find them
+del _error
+
+if _TYPE_CHECKING:
+    from softshadow import mitsuba, plot, scenes
 
 __all__ = [
     "Accumulation",
@@ -97,3 +112,14 @@ __all__ = [
     "threads",
     "visibility",
 ]
+
+
+def __getattr__(name: str) -> _ModuleType:
+    """Import what few programs use, and what takes long, when it is used."""
+    if name in ("mitsuba", "plot", "scenes"):
+        return _import_module(f"softshadow.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

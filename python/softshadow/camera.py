@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import _core
+from softshadow.arguments import Vector, as_vector
 from softshadow.checks import frozen, integer, number, numbers
-from softshadow.light import Vector, as_vector
 
 MOST_PIXELS = 65536
 """Along a side of an image."""
@@ -22,6 +22,8 @@ MOST_PIXELS = 65536
 
 class Camera:
     """A pinhole camera that looks from `eye` to `target`; it cannot be changed.
+
+    Cameras with the same matrices and size are equal.
 
     Parameters
     ----------
@@ -39,6 +41,13 @@ class Camera:
     ValueError, TypeError
         If a number is not finite or no number, the view direction or `up` is degenerate, or a size
         is out of its range.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> camera = ss.Camera(eye=(0, -4, 2), target=(0, 0, 0), fov_y_deg=40, width=320, height=240)
+    >>> camera.rays().shape
+    (240, 320, 3)
     """
 
     __slots__ = ("_camera_to_world", "_core", "_height", "_intrinsics", "_width")
@@ -107,6 +116,14 @@ class Camera:
         ValueError
             If a matrix has the wrong shape or is not finite, the pose is not rigid, or a focal
             length is not positive.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> camera_to_world = [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 5], [0, 0, 0, 1]]
+        >>> K = [[300, 0, 160], [0, 300, 120], [0, 0, 1]]
+        >>> ss.Camera.from_matrix(K, camera_to_world, 320, 240)
+        Camera(eye=[0.0, 0.0, 5.0], 320x240, fov_y=43.6°)
         """
         camera = cls.__new__(cls)
         size = _size(width, height)
@@ -134,6 +151,17 @@ class Camera:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Camera.from_matrix, (self.K, self.camera_to_world, self.width, self.height)
+
+    def _key(self) -> tuple[bytes, bytes, int, int]:
+        # Adding 0 makes a negative zero a positive one, which it equals.
+        matrices = ((m + 0.0).tobytes() for m in (self.K, self.camera_to_world))
+        return (*matrices, self.width, self.height)  # type: ignore[return-value]
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Camera) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
 
     def __copy__(self) -> Camera:
         return self
@@ -174,7 +202,12 @@ class Camera:
         return math.degrees(math.atan(cy / fy) + math.atan((self.height - cy) / fy))
 
     def rays(self) -> npt.NDArray[np.float64]:
-        """Return the unit direction through every pixel's centre, shape (H, W, 3), world space."""
+        """Return the unit direction through every pixel's centre, in world space.
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3), float64
+        """
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         pixels = np.stack([x, y, np.ones_like(x)], axis=-1)
         directions = pixels @ np.linalg.inv(self.K).T @ self.camera_to_world[:3, :3].T

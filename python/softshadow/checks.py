@@ -70,7 +70,7 @@ def integer(value: Any, what: str, low: int, high: int, otherwise: str = "") -> 
     allowed = f"an integer from {low} to {high}{otherwise}"
     flag_given = isinstance(value, (bool, np.bool_))
     try:
-        result = None if flag_given or np.ma.is_masked(value) else operator.index(value)
+        result = None if flag_given or _is_masked(value) else operator.index(value)
     except TypeError:
         result = None
     if result is None:
@@ -105,7 +105,7 @@ def number(value: Any, what: str, allowed: str = "a finite number", finite: bool
     finite : bool
         Whether NaN and infinity are errors here; otherwise they are for the caller.
     """
-    if isinstance(value, np.ndarray) and value.shape == () and not np.ma.is_masked(value):
+    if isinstance(value, np.ndarray) and value.shape == () and not _is_masked(value):
         value = value[()]
     if not isinstance(value, Real) or isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{what}: expected {allowed}, got {shown(value)}")
@@ -118,11 +118,17 @@ def number(value: Any, what: str, allowed: str = "a finite number", finite: bool
     return result
 
 
+def _is_masked(value: object) -> bool:
+    """Whether an array hides values; plain arrays need no look into `numpy.ma`, a slow import."""
+    plain = type(value) is np.ndarray or not isinstance(value, np.ndarray)
+    return not plain and bool(np.ma.is_masked(value))
+
+
 def _holds_masked(value: object) -> bool:
     """Whether hidden data of a masked array would be taken for numbers."""
     if isinstance(value, (list, tuple)):
         return any(map(_holds_masked, value))
-    return bool(isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value))
+    return _is_masked(value)
 
 
 def numbers(value: npt.ArrayLike, what: str, allowed: str = "real numbers") -> npt.NDArray[Any]:

@@ -14,17 +14,20 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 
 from softshadow import checks
 from softshadow._core import __version__
 from softshadow.camera import Camera
+from softshadow.extras import needs
 from softshadow.framing import add_ground, camera_for, light_for
 from softshadow.images import check_path, write
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import Method, method_names, resolve
 from softshadow.render import render as render_image
 from softshadow.scene import Scene
+
+with needs("cli", "the command softshadow"):
+    import typer
 
 _INTERRUPTED = 130
 _USER_ERROR = 2
@@ -190,19 +193,18 @@ def render(
 @app.command()
 def methods() -> None:
     """List the methods, what each can do, and its parameters."""
-    head = ("method", "transparent", "points", "needs area", "parameters")
+    head = ("method", "transparent", "points", "parameters")
     rows = [head]
     for name in method_names():
         method = resolve(name)
-        can = ["yes" if x else "no" for x in (method.transparent, method.points, method.needs_area)]
+        can = ["yes" if x else "no" for x in (method.transparent, method.points)]
         parameters = ", ".join(f"{k}={v!r}" for k, v in method.parameters().items())
-        rows.append((name, can[0], can[1], can[2], parameters))
+        rows.append((name, can[0], can[1], parameters))
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     for row in rows:
         typer.echo("  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True)).rstrip())
     typer.echo(
-        "\ntransparent: honours opacities below 1; points: answers at points, without a camera;\n"
-        "needs area: a light of size zero is an error"
+        "\ntransparent: honours opacities below 1; points: answers at points, without a camera"
     )
 
 

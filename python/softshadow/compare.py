@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from softshadow import checks, metrics
 from softshadow._core import UnsupportedError
+from softshadow.arguments import Bar, Progress
 from softshadow.camera import Camera
+from softshadow.extras import needs
+from softshadow.light import LightLike
 from softshadow.methods import Method, MethodLike, RayTraced, method_names, resolve
-from softshadow.render import Image, LightLike, Progress, _Bar, prepare
+from softshadow.parallel import thread_count
+from softshadow.render import Image, prepare
 from softshadow.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["DEFAULT_REFERENCE", "Comparison", "compare"]
 
@@ -27,17 +34,17 @@ with the ``ray_traced`` row, which would then look better than it is. Its own no
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Comparison:
-    """What `compare` returns.
+    """What `compare` returns; it equals itself only.
 
     Attributes
     ----------
     table : pandas.DataFrame
         One row for each method, in the order given: ``method``, ``parameters`` (what differs from
         the class's defaults, such as ``"samples=64, seed=1"``; empty when nothing does),
-        ``prepare_seconds``, ``frame_seconds`` (medians over the repeats), ``bytes``, and the error
-        numbers of `softshadow.metrics.errors`.
+        ``prepare_seconds``, ``frame_seconds`` (medians over the repeats), ``bytes``, ``threads``
+        (how many a call had), and the error numbers of `softshadow.metrics.errors`.
     images : dict of str to Image
         By label: the method's name, with the parameters in parentheses if there are any.
     reference : Image
@@ -98,7 +105,23 @@ def compare(
     ValueError
         If a method is unknown, listed twice or (when listed) cannot do the scene, the camera sees
         no surface, or the reference's size is not the camera's.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> methods = ["hard", ss.RayTraced(samples=16)]
+    >>> result = ss.compare(setup.scene, setup.camera, setup.light, methods, repeats=1)
+    >>> list(result.images)
+    ['hard', 'ray_traced(samples=16)']
+    >>> bool(result.table["mae"][0] > result.table["mae"][1])
+    True
     """
+    with needs("metrics", "compare"):  # all of them now, rather than after the last picture
+        import flip_evaluator  # noqa: F401
+        import pandas as pd
+        import skimage.metrics  # noqa: F401
+
     repeats = checks.integer(repeats, "repeats", 1, 1_000_000)
     if isinstance(methods, (str, Method)):
         raise TypeError("methods: expected a sequence of methods; put a single one in a list")
@@ -112,15 +135,16 @@ def compare(
         raise ValueError("methods: expected at least one")
 
     rows, images, skipped = [], {}, {}
-    with _Bar(progress, "compare") as report:
-        steps = _Steps(report, len(chosen) * repeats + 1)
-        truth = _reference(scene, camera, light, reference)
+    bar = Bar(progress, "compare")
+    with bar:
+        steps = _Steps(bar, len(chosen) * repeats + 1)
+        truth = _reference(scene, camera, light, reference, steps)
         steps.advance()
         for label, method in chosen.items():
             try:
                 timed = []
                 for _ in range(repeats):
-                    timed.append(prepare(scene.copy(), light, method).render(camera))
+                    timed.append(_rendered(scene.copy(), camera, light, method, steps))
                     steps.advance()
             except UnsupportedError as error:
                 if methods is not None:
@@ -141,12 +165,24 @@ def _row(method: Method, timed: list[Image], truth: Image) -> dict[str, object]:
         "prepare_seconds": median(x.seconds["prepare"] for x in timed),
         "frame_seconds": median(x.seconds["frame"] for x in timed),
         "bytes": max(x.bytes for x in timed),
+        "threads": thread_count(),
         **metrics.errors(image.visibility, truth.visibility, truth.mask),
     }
 
 
+def _rendered(
+    scene: Scene, camera: Camera, light: LightLike, method: MethodLike, steps: _Steps
+) -> Image:
+    prepared = prepare(scene, light, method, steps.part(0, 0.5))
+    return prepared.render(camera, steps.part(0.5, 1))
+
+
 def _reference(
-    scene: Scene, camera: Camera, light: LightLike, reference: MethodLike | Image | None
+    scene: Scene,
+    camera: Camera,
+    light: LightLike,
+    reference: MethodLike | Image | None,
+    steps: _Steps,
 ) -> Image:
     if isinstance(reference, Image):
         image = reference
@@ -158,7 +194,7 @@ def _reference(
             )
     else:
         method = DEFAULT_REFERENCE if reference is None else reference
-        image = prepare(scene, light, method).render(camera)
+        image = _rendered(scene, camera, light, method, steps)
     if not np.any(image.mask):
         raise ValueError("compare: the camera sees no surface, there is nothing to measure")
     return image
@@ -183,14 +219,17 @@ def _label(method: Method) -> str:
 
 
 class _Steps:
-    """Counts renders and reports the finished fraction."""
+    """Counts renders, each a part of the whole bar."""
 
-    def __init__(self, report: Callable[[float], None] | None, total: int) -> None:
-        self._report = report
+    def __init__(self, bar: Bar, total: int) -> None:
+        self._bar = bar
         self._total = total
         self._done = 0
 
+    def part(self, start: float, end: float) -> Progress:
+        """Return the progress argument of a part of the render that comes next."""
+        first, last = ((self._done + x) / self._total for x in (start, end))
+        return self._bar.part(first, last, "compare")
+
     def advance(self, steps: int = 1) -> None:
         self._done += steps
-        if self._report is not None:
-            self._report(min(1.0, self._done / self._total))

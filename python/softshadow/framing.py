@@ -73,7 +73,23 @@ def frame(
 def camera_for(
     scene: Scene, fov_y_deg: float = 45.0, width: int = 512, height: int = 512
 ) -> Camera:
-    """Return the camera of `frame`."""
+    """Return the camera of `frame`.
+
+    Parameters
+    ----------
+    scene : Scene
+    fov_y_deg, width, height
+        As in `Camera`.
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    ValueError
+        If the scene is empty.
+    """
     center, radius = _bounding_sphere(scene)
     half = math.radians(fov_y_deg) / 2
     narrow = min(half, math.atan(math.tan(half) * width / height)) if height > 0 else half
@@ -84,7 +100,21 @@ def camera_for(
 
 
 def light_for(scene: Scene) -> RectLight:
-    """Return the light of `frame`."""
+    """Return the light of `frame`.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    RectLight
+
+    Raises
+    ------
+    ValueError
+        If the scene is empty.
+    """
     center, radius = _bounding_sphere(scene)
     towards = _direction(*_LIGHT)
     distance = _LIGHT_DISTANCE * radius
@@ -96,7 +126,7 @@ def light_for(scene: Scene) -> RectLight:
 
 
 def add_ground(scene: Scene, name: str = "ground") -> str:
-    """Add a horizontal square below a scene, and return its name.
+    """Add a horizontal square below a scene.
 
     Its side is four times the largest side of the scene's bounds, its middle is below theirs.
 
@@ -105,6 +135,16 @@ def add_ground(scene: Scene, name: str = "ground") -> str:
     scene : Scene
     name : str
         Must be new.
+
+    Returns
+    -------
+    str
+        Its name.
+
+    Raises
+    ------
+    ValueError
+        If the scene is empty or has that name.
     """
     low, high = scene.bounds
     size = float((high - low).max())

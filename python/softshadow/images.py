@@ -10,11 +10,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import imageio.v3 as imageio
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks
+from softshadow.extras import needs
 
 __all__ = ["auto_exposure", "check_path", "to_srgb", "write"]
 
@@ -59,6 +59,17 @@ def to_srgb(radiance: npt.ArrayLike, exposure: float | None = None) -> npt.NDArr
     Returns
     -------
     ndarray, shape (H, W, 3), float64
+
+    Raises
+    ------
+    ValueError
+        If the shape is another, or the exposure is not positive.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.images.to_srgb([[(0, 0.5, 1)]], exposure=1).round(3).tolist()
+    [[[0.0, 0.735, 1.0]]]
     """
     linear = checks.numbers(radiance, "radiance")
     if linear.ndim != 3 or linear.shape[2] != 3:
@@ -77,12 +88,22 @@ def to_srgb(radiance: npt.ArrayLike, exposure: float | None = None) -> npt.NDArr
 def check_path(path: str | os.PathLike[str]) -> Path:
     """Return `path` as a ``Path`` that `write` can write to.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Path
+
     Raises
     ------
     ValueError
         If the suffix is none of ``.png``, ``.exr``, ``.npy``.
     OSError
         If the folder does not exist or the file cannot be written.
+    ModuleNotFoundError
+        If the extra ``io`` is not installed and the suffix needs it.
     """
     file = Path(path)
     if file.suffix.lower() not in SUFFIXES:
@@ -95,6 +116,11 @@ def check_path(path: str | os.PathLike[str]) -> Path:
         raise IsADirectoryError(f"{file}: is a folder")
     if not os.access(file if file.exists() else file.parent, os.W_OK):
         raise PermissionError(f"{file}: no permission to write")
+    with needs("io", f"writing a {file.suffix} file"):
+        if file.suffix.lower() == ".png":
+            import imageio.v3  # noqa: F401
+        elif file.suffix.lower() == ".exr":
+            import OpenEXR  # noqa: F401
     return file
 
 
@@ -138,6 +164,8 @@ def write(
     if a.size == 0 or a.ndim not in (2, 3) or (a.ndim == 3 and a.shape[2] != 3):
         raise ValueError(f"{file}: expected shape (H, W) or (H, W, 3), got {a.shape}")
     if suffix == ".png":
+        import imageio.v3 as imageio
+
         imageio.imwrite(file, _eight_bits(file, a, exposure), extension=".png")
     else:
         _write_exr(file, a)

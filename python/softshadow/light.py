@@ -1,58 +1,18 @@
 """Area lights: rectangle, disk and sphere, with a constant emitted radiance.
 
-Flat lights emit on one side; a sphere emits outwards. Sizes are world units, always.
+Flat lights emit on one side; a sphere emits outwards. Sizes are world units, always. Whatever they
+are made from, lights hold plain floats and tuples of floats.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
-
 from softshadow import _core
-from softshadow.checks import number, numbers, points, single
-
-RGB: TypeAlias = "float | tuple[float, float, float] | npt.ArrayLike"
-"""A colour: one number for grey, or three linear RGB values."""
-
-Vector: TypeAlias = "tuple[float, float, float] | npt.ArrayLike"
-"""A point or direction: three finite numbers."""
-
-as_points = points
-
-
-def as_rgb(value: RGB, what: str) -> tuple[float, float, float]:
-    """Return `value` as three non-negative floats that single precision holds.
-
-    Raises
-    ------
-    ValueError, TypeError
-        Otherwise; the message begins with `what`.
-    """
-    array = single(value, what, "a number or 3 linear RGB values")
-    if array.shape not in ((), (3,)):
-        raise ValueError(f"{what}: expected a number or 3 RGB values, got shape {array.shape}")
-    r, g, b = (float(x) for x in np.broadcast_to(array, (3,)))
-    return r, g, b
-
-
-def as_vector(value: Vector, what: str) -> tuple[float, float, float]:
-    """Return `value` as three finite floats.
-
-    Raises
-    ------
-    ValueError, TypeError
-        Otherwise; the message begins with `what`.
-    """
-    array = numbers(value, what, "3 numbers")
-    if array.shape != (3,):
-        raise ValueError(f"{what}: expected 3 numbers, got shape {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{what}: expected finite numbers, got {array.tolist()}")
-    x, y, z = (float(x) for x in array)
-    return x, y, z
+from softshadow.arguments import RGB, Triple, Vector, as_rgb, as_vector
+from softshadow.checks import number
 
 
 class _Light:
@@ -62,21 +22,12 @@ class _Light:
         kept = tuple(getattr(self, f.name) for f in fields(self) if f.init)  # type: ignore[arg-type]
         return type(self), kept
 
-    def _store(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
-
-    def _check(self, vectors: tuple[str, ...]) -> None:
-        """Store the fields as floats and tuples of floats, which cannot be changed."""
-        kind = type(self).__name__
-        for name in vectors:
-            self._store(name, as_vector(getattr(self, name), f"{kind}.{name}"))
-        if hasattr(self, "radius"):
-            self._store("radius", number(self.radius, f"{kind}.radius", "a finite number >= 0"))
-        radiance = getattr(self, "radiance")  # noqa: B009 (a field of every light, not of this)
-        self._store("radiance", as_rgb(radiance, f"{kind}.radiance"))
+    def _store(self, **values: object) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class RectLight(_Light):
     """A parallelogram that emits towards ``edge_u × edge_v``.
 
@@ -93,22 +44,30 @@ class RectLight(_Light):
     ------
     ValueError, TypeError
         If a number is not finite or no number, or the edges span no area.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> light = ss.RectLight(center=(0, 0, 4), edge_u=(0, 1, 0), edge_v=(1, 0, 0), radiance=10)
+    >>> light.radiance  # it emits towards edge_u × edge_v, here downwards
+    (10.0, 10.0, 10.0)
     """
 
-    center: Vector
-    edge_u: Vector
-    edge_v: Vector
-    radiance: RGB = 1.0
+    center: Triple
+    edge_u: Triple
+    edge_v: Triple
+    radiance: Triple
     _core: _core.Light = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        """Validate the fields and store them as tuples of floats."""
-        self._check(("center", "edge_u", "edge_v"))
-        core = _core.Light.rect(self.center, self.edge_u, self.edge_v, self.radiance)
-        self._store("_core", core)
+    def __init__(self, center: Vector, edge_u: Vector, edge_v: Vector, radiance: RGB = 1.0) -> None:
+        middle = as_vector(center, "RectLight.center")
+        u, v = as_vector(edge_u, "RectLight.edge_u"), as_vector(edge_v, "RectLight.edge_v")
+        rgb = as_rgb(radiance, "RectLight.radiance")
+        core = _core.Light.rect(middle, u, v, rgb)
+        self._store(center=middle, edge_u=u, edge_v=v, radiance=rgb, _core=core)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class DiskLight(_Light):
     """A disk that emits towards `normal`.
 
@@ -128,22 +87,30 @@ class DiskLight(_Light):
     ------
     ValueError, TypeError
         If a number is not finite or no number, the normal is zero or the radius is negative.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.DiskLight(center=(0, 0, 4), normal=(0, 0, -1), radius=0.5)
+    DiskLight(center=(0.0, 0.0, 4.0), normal=(0.0, 0.0, -1.0), radius=0.5, radiance=(1.0, 1.0, 1.0))
     """
 
-    center: Vector
-    normal: Vector
+    center: Triple
+    normal: Triple
     radius: float
-    radiance: RGB = 1.0
+    radiance: Triple
     _core: _core.Light = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        """Validate the fields and store them as tuples of floats."""
-        self._check(("center", "normal"))
-        core = _core.Light.disk(self.center, self.normal, self.radius, self.radiance)
-        self._store("_core", core)
+    def __init__(self, center: Vector, normal: Vector, radius: float, radiance: RGB = 1.0) -> None:
+        middle = as_vector(center, "DiskLight.center")
+        n = as_vector(normal, "DiskLight.normal")
+        r = number(radius, "DiskLight.radius", "a finite number >= 0")
+        rgb = as_rgb(radiance, "DiskLight.radiance")
+        core = _core.Light.disk(middle, n, r, rgb)
+        self._store(center=middle, normal=n, radius=r, radiance=rgb, _core=core)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class SphereLight(_Light):
     """A sphere that emits outwards.
 
@@ -161,19 +128,47 @@ class SphereLight(_Light):
     ------
     ValueError, TypeError
         If a number is not finite or no number, or the radius is negative.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.SphereLight(center=(0, 0, 4), radius=0.5) == ss.SphereLight([0, 0, 4], 0.5, (1, 1, 1))
+    True
     """
 
-    center: Vector
+    center: Triple
     radius: float
-    radiance: RGB = 1.0
+    radiance: Triple
     _core: _core.Light = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        """Validate the fields and store them as tuples of floats."""
-        self._check(("center",))
-        core = _core.Light.sphere(self.center, self.radius, self.radiance)
-        self._store("_core", core)
+    def __init__(self, center: Vector, radius: float, radiance: RGB = 1.0) -> None:
+        middle = as_vector(center, "SphereLight.center")
+        r = number(radius, "SphereLight.radius", "a finite number >= 0")
+        rgb = as_rgb(radiance, "SphereLight.radiance")
+        core = _core.Light.sphere(middle, r, rgb)
+        self._store(center=middle, radius=r, radiance=rgb, _core=core)
 
 
 Light: TypeAlias = "RectLight | DiskLight | SphereLight"
 """Any of the three light shapes."""
+
+LightLike: TypeAlias = "Light | Sequence[Light]"
+"""One light, or several."""
+
+
+def as_lights(light: LightLike) -> tuple[list[Light], bool]:
+    """Return lights as a list, and whether one was given by itself.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a light nor a sequence of lights.
+    """
+    if isinstance(light, (RectLight, DiskLight, SphereLight)):
+        return [light], True
+    if not isinstance(light, Sequence) or not len(light):
+        raise TypeError(f"light: expected a light or a sequence of lights, got {light!r}")
+    for item in light:
+        if not isinstance(item, (RectLight, DiskLight, SphereLight)):
+            raise TypeError(f"light: expected lights in the sequence, got {type(item).__name__}")
+    return list(light), False

@@ -14,16 +14,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import flip_evaluator
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
-from skimage.metrics import structural_similarity
 
 from softshadow import checks
+from softshadow.extras import needs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import pandas as pd
 
 __all__ = [
     "PENUMBRA_TOLERANCE",
@@ -63,6 +63,16 @@ def mae(
     image, reference : array_like, same shape
     where : array_like of bool, optional
         The pixels that count; all, when not given.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.metrics.mae([[0.0, 1.0]], [[0.5, 1.0]])
+    0.25
     """
     return float(np.mean(np.abs(_difference(image, reference, where))))
 
@@ -70,16 +80,43 @@ def mae(
 def rmse(
     image: npt.ArrayLike, reference: npt.ArrayLike, where: npt.ArrayLike | None = None
 ) -> float:
-    """Return the root of the mean squared error; parameters as for `mae`."""
+    """Return the root of the mean squared error.
+
+    Parameters
+    ----------
+    image, reference : array_like, same shape
+    where : array_like of bool, optional
+        The pixels that count; all, when not given.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.metrics.rmse([[0.0, 1.0]], [[0.5, 1.0]], where=[[True, False]])
+    0.5
+    """
     return float(np.sqrt(np.mean(np.square(_difference(image, reference, where)))))
 
 
 def bias(
     image: npt.ArrayLike, reference: npt.ArrayLike, where: npt.ArrayLike | None = None
 ) -> float:
-    """Return the mean of ``image - reference``: positive when too bright; parameters as for `mae`.
+    """Return the mean of ``image - reference``: positive when too bright.
 
     Noise averages out of it; what remains is what more samples would not mend.
+
+    Parameters
+    ----------
+    image, reference : array_like, same shape
+    where : array_like of bool, optional
+        The pixels that count; all, when not given.
+
+    Returns
+    -------
+    float
     """
     return float(np.mean(_difference(image, reference, where)))
 
@@ -87,9 +124,19 @@ def bias(
 def percentile99(
     image: npt.ArrayLike, reference: npt.ArrayLike, where: npt.ArrayLike | None = None
 ) -> float:
-    """Return the 99th percentile of the absolute error; parameters as for `mae`.
+    """Return the 99th percentile of the absolute error.
 
     Between two pixels it interpolates linearly, as ``numpy.percentile`` does.
+
+    Parameters
+    ----------
+    image, reference : array_like, same shape
+    where : array_like of bool, optional
+        The pixels that count; all, when not given.
+
+    Returns
+    -------
+    float
     """
     return float(np.percentile(np.abs(_difference(image, reference, where)), 99.0))
 
@@ -97,7 +144,18 @@ def percentile99(
 def maximum(
     image: npt.ArrayLike, reference: npt.ArrayLike, where: npt.ArrayLike | None = None
 ) -> float:
-    """Return the largest absolute error; parameters as for `mae`."""
+    """Return the largest absolute error.
+
+    Parameters
+    ----------
+    image, reference : array_like, same shape
+    where : array_like of bool, optional
+        The pixels that count; all, when not given.
+
+    Returns
+    -------
+    float
+    """
     return float(np.max(np.abs(_difference(image, reference, where))))
 
 
@@ -118,11 +176,18 @@ def ssim(
     where : array_like of bool, optional
         The pixels that count; all, when not given.
 
+    Returns
+    -------
+    float
+
     Raises
     ------
     ValueError
         If the image is too small, or `where` selects nothing but border.
     """
+    with needs("metrics", "ssim"):
+        from skimage.metrics import structural_similarity
+
     margin = _SSIM_WINDOW // 2
     values = []
     for a, b, chosen in _layers(image, reference, where):
@@ -154,7 +219,14 @@ def flip(
     image, reference : array_like, shape (H, W) or (L, H, W)
     where : array_like of bool, optional
         The pixels that count; all, when not given.
+
+    Returns
+    -------
+    float
     """
+    with needs("metrics", "flip"):
+        import flip_evaluator
+
     values = []
     for a, b, chosen in _layers(image, reference, where):
         test, truth = (
@@ -189,6 +261,12 @@ def penumbra_mask(
     Returns
     -------
     ndarray of bool, shape of `reference`
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.metrics.penumbra_mask([0.0, 0.25, 1.0]).tolist()
+    [False, True, False]
     """
     values = _array(reference, "reference")
     chosen = _where(where, values.shape)
@@ -220,6 +298,9 @@ def confusion(
         Rows (axis named ``reference``) and columns (axis named ``image``) are ``umbra``,
         ``penumbra``, ``lit``; the diagonal is agreement.
     """
+    with needs("metrics", "confusion"):
+        import pandas as pd
+
     a, b, chosen = _pair(image, reference, where)
     kinds = ["umbra", "penumbra", "lit"]
     cell = 3 * _classes(b, tolerance, chosen)[chosen] + _classes(a, tolerance, chosen)[chosen]
@@ -268,6 +349,12 @@ def penumbra_width(
     ------
     ValueError
         If an argument's shape or range does not fit, or fewer than two pixels are left.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.metrics.penumbra_width([0.0, 0.0, 0.5, 1.0, 1.0], low=0.0, high=1.0)
+    2.0
     """
     v = _array(values, "values")
     if v.ndim != 1:
@@ -320,6 +407,17 @@ def errors(
     ------
     ValueError
         If shapes do not fit, a value in the mask is not finite, or the mask is empty.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> hard, soft = (
+    ...     ss.render(setup.scene, setup.camera, setup.light, m) for m in ("hard", "ray_traced")
+    ... )
+    >>> errors = ss.metrics.errors(hard.visibility, soft.visibility, soft.mask)
+    >>> errors["penumbra_mae"] > errors["mae"] > 0
+    True
     """
     a, b, chosen = _pair(image, reference, mask)
     pointwise = {"mae": mae, "rmse": rmse, "bias": bias, "p99": percentile99, "max": maximum}

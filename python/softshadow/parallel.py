@@ -28,6 +28,14 @@ def set_threads(count: int | None) -> None:
     ------
     ValueError, TypeError
         If it is out of its range, or no integer.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> ss.set_threads(2)
+    >>> ss.thread_count()
+    2
+    >>> ss.set_threads(None)
     """
     _core.set_threads(
         0 if count is None else checks.integer(count, "threads", 1, _MOST, " or None")
@@ -35,7 +43,12 @@ def set_threads(count: int | None) -> None:
 
 
 def thread_count() -> int:
-    """Return how many threads a call has."""
+    """Return how many threads a call has.
+
+    Returns
+    -------
+    int
+    """
     return _core.thread_count()
 
 
@@ -47,6 +60,23 @@ def threads(count: int | None) -> Iterator[None]:
     ----------
     count : int or None
         As of `set_threads`. It is the process's: other Python threads see it as well.
+
+    Returns
+    -------
+    context manager
+        Which sets the number that was before when it ends.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `set_threads`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> with ss.threads(1):
+    ...     ss.thread_count()
+    1
     """
     number = 0 if count is None else checks.integer(count, "threads", 1, _MOST, " or None")
     before = _core.set_threads(number)

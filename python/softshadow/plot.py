@@ -7,31 +7,24 @@ into a figure of your own (and show it in a window), pass its ``ax``.
 
 from __future__ import annotations
 
-from io import BytesIO
-from typing import Any, Literal, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from softshadow import checks, metrics
+from softshadow.extras import needs
 from softshadow.images import auto_exposure, to_srgb
 from softshadow.render import Image
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 What: TypeAlias = Literal["visibility", "radiance"]
 """Which of an image's arrays to look at."""
 
 __all__ = ["compare", "show"]
-
-
-class _Figure(Figure):
-    """A figure that Jupyter can show although pyplot does not know it."""
-
-    def _repr_png_(self) -> bytes:
-        buffer = BytesIO()
-        self.savefig(buffer, format="png", bbox_inches="tight")
-        return buffer.getvalue()
 
 
 def show(
@@ -57,13 +50,22 @@ def show(
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> setup = ss.scenes.half_plane(32, 24)
+    >>> image = ss.render(setup.scene, setup.camera, setup.light, "hard")
+    >>> figure = ss.plot.show(image, what="radiance")
+    >>> len(figure.axes)
+    1
     """
     pixels = _pixels(image, what)
     if ax is None:
         ax = _figure(pixels.shape, 1).subplots()
     _draw(ax, pixels, exposure)
     ax.set_title(what if isinstance(image, Image) else "")
-    return cast(Figure, ax.figure)
+    return cast("Figure", ax.figure)
 
 
 def compare(
@@ -173,14 +175,17 @@ def _pixels(image: Image | npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
     return values
 
 
-def _figure(shape: tuple[int, ...], panels: int) -> _Figure:
+def _figure(shape: tuple[int, ...], panels: int) -> Figure:
     """Return a figure whose panels have about the images' aspect ratio."""
     side = 4.0
     aspect = min(max(shape[0] / shape[1], 0.25), 4.0)
     width = side * min(1.0, 1.0 / aspect) + 0.3
     height = side * min(1.0, aspect) + (0.4 if panels == 1 else 1.0)
     extra = 0.0 if panels == 1 else 0.8  # the colour bar
-    return _Figure(figsize=(panels * width + extra, height), layout="constrained")
+    with needs("plot", "softshadow.plot"):
+        from softshadow.figure import OwnFigure
+
+    return OwnFigure(figsize=(panels * width + extra, height), layout="constrained")
 
 
 def _draw(ax: Axes, pixels: npt.NDArray[np.float64], exposure: float | None) -> None:

@@ -10,14 +10,19 @@ import bz2
 import gzip
 import io
 import re
+import sys
 import tarfile
 import zipfile
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING, Any
 
-import trimesh
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    import trimesh
 
-__all__ = ["MAX_BYTES", "MAX_CORNERS", "read"]
+from softshadow.extras import needs
+
+__all__ = ["MAX_BYTES", "MAX_CORNERS", "from_trimesh", "read"]
 
 MAX_BYTES = 2**29
 """Bytes of a file, or of what an archive holds, that are read unless the caller allows more."""
@@ -60,13 +65,48 @@ def read(
                 {".ply": _check_ply, ".off": _check_off, ".stl": _check_stl}[kind](data)
         except _Broken as error:
             raise ValueError(f"{file}: {error}") from None
+    import trimesh  # here, since it takes longer to import than all of this package
+
     try:
         if isinstance(source, Path):
             return trimesh.load(file, process=False)
         # Materials, which matter to nobody here, stay unread.
         return trimesh.load(source, file_type="obj", process=False, skip_materials=True)
     except Exception as error:  # trimesh raises whatever its readers raise
+        if isinstance(error, ModuleNotFoundError) and "networkx" in str(error):
+            with needs("io", str(file)):
+                raise
         raise ValueError(f"{file}: cannot be read as a mesh ({error})") from error
+
+
+def from_trimesh(mesh: object) -> tuple[npt.ArrayLike, npt.ArrayLike] | None:
+    """Return the vertices and faces of what `trimesh` made, or None of anything else.
+
+    Raises
+    ------
+    ValueError
+        If it has no triangles.
+    """
+    trimesh: Any = sys.modules.get("trimesh")
+    if trimesh is None:  # then it has made nothing
+        return None
+    if isinstance(mesh, trimesh.Scene):
+        mesh = _flatten(mesh)
+    if isinstance(mesh, trimesh.PointCloud):
+        raise ValueError(
+            f"mesh: a point cloud of {len(mesh.vertices)} points, where triangles are needed"
+        )
+    return (mesh.vertices, mesh.faces) if isinstance(mesh, trimesh.Trimesh) else None
+
+
+def _flatten(scene: trimesh.Scene) -> trimesh.Trimesh:
+    import trimesh
+
+    parts = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
+    if not parts:
+        kinds = sorted({type(g).__name__ for g in scene.geometry.values()})
+        raise ValueError(f"mesh: the trimesh.Scene has no triangle meshes, only {kinds}")
+    return trimesh.util.concatenate(parts)
 
 
 class _Broken(Exception):

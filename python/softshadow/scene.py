@@ -2,112 +2,62 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from softshadow import _core, checks
-from softshadow.light import RGB, as_rgb
-from softshadow.reading import MAX_BYTES, MAX_CORNERS, read
+from softshadow.arguments import RGB, as_faces
+from softshadow.entries import (
+    SIDES,
+    Curves,
+    Mesh,
+    Spheres,
+    as_look,
+    as_vertices,
+    curve_arrays,
+    kind_of,
+    sphere_arrays,
+)
+from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
+
+if TYPE_CHECKING:
+    import trimesh
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
 )
 """What `Scene.add` takes."""
 
-
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """One entry of a scene: a triangle mesh, as it was when the scene was asked for it.
-
-    Its fields and arrays cannot be changed: `Scene.set_vertices`, `Scene.set_transform` and
-    `Scene.set_look` change what is in the scene.
-
-    Attributes
-    ----------
-    name : str
-    vertices : ndarray, shape (V, 3), float64
-        Object space.
-    faces : ndarray, shape (F, 3), int64
-    transform : ndarray, shape (4, 4), float64
-        Object to world.
-    albedo : tuple of 3 floats
-    opacity : float
-    casts, receives : bool
-    """
-
-    name: str
-    vertices: npt.NDArray[np.float64]
-    faces: npt.NDArray[np.int64]
-    transform: npt.NDArray[np.float64]
-    albedo: tuple[float, float, float]
-    opacity: float
-    casts: bool
-    receives: bool
-
-    def world_vertices(self) -> npt.NDArray[np.float64]:
-        """Return the vertices in world space, shape (V, 3)."""
-        rotated: npt.NDArray[np.float64] = self.vertices @ self.transform[:3, :3].T
-        return rotated + self.transform[:3, 3]
-
-
-@dataclass(frozen=True, eq=False)
-class Curves(Mesh):
-    """One entry of a scene: curves such as hair, and the mesh of tubes that stands for them.
-
-    Attributes
-    ----------
-    points : ndarray, shape (P, 3), float64
-        Object space.
-    offsets : ndarray, shape (C + 1,), int64
-        Curve ``c`` has the points ``offsets[c]`` to ``offsets[c + 1] - 1``.
-    radii : ndarray, shape (1,), (C,) or (P,), float64
-    sides : int
-        Flat sides of each tube.
-    """
-
-    points: npt.NDArray[np.float64]
-    offsets: npt.NDArray[np.int64]
-    radii: npt.NDArray[np.float64]
-    sides: int
-
-
-@dataclass(frozen=True, eq=False)
-class Spheres:
-    """One entry of a scene: analytic spheres, exact outlines without triangles.
-
-    Attributes
-    ----------
-    name : str
-    centers : ndarray, shape (N, 3), float64
-        World space.
-    radii : ndarray, shape (N,), float64
-    albedo : tuple of 3 floats
-    opacity : float
-    casts, receives : bool
-    """
-
-    name: str
-    centers: npt.NDArray[np.float64]
-    radii: npt.NDArray[np.float64]
-    albedo: tuple[float, float, float]
-    opacity: float
-    casts: bool
-    receives: bool
+__all__ = ["MeshLike", "Scene", "mesh_of", "scene_of"]
 
 
 class Scene:
     """Meshes, curves and spheres that cast and receive shadows.
 
     What `render` builds for a scene (adjacency, bounding volume hierarchy) is kept with it, and
-    rebuilt or refitted where it changes.
+    rebuilt or refitted where it changes. Scenes can be pickled; `copy.copy`, `copy.deepcopy` and
+    `copy` make independent ones. A scene equals itself only, since it can change.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> scene = ss.Scene()
+    >>> scene.add(ss.scenes.square(2), name="ground")
+    'ground'
+    >>> scene.add_spheres([(0, 0, 1)], 0.25)
+    'spheres'
+    >>> scene.names
+    ('ground', 'spheres')
+    >>> scene["ground"].albedo
+    (0.8, 0.8, 0.8)
+    >>> scene.bounds.tolist()
+    [[-2.0, -2.0, 0.0], [2.0, 2.0, 1.25]]
     """
 
     def __init__(self) -> None:
@@ -116,7 +66,23 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | PathLike[str], **options: Any) -> Scene:
-        """Return a scene with one file's meshes; `options` go to `add`."""
+        """Return a scene with one file's meshes.
+
+        Parameters
+        ----------
+        path : path
+        **options
+            As of `add`.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        ValueError
+            As `add`.
+        """
         scene = cls()
         scene.add(path, **options)
         return scene
@@ -233,6 +199,15 @@ class Scene:
             nothing is dropped or repaired on the way.
         TypeError
             If `mesh` is of another type.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> scene.add(([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]), "leaf", opacity=0.5)
+        'leaf'
+        >>> scene.triangle_count
+        1
         """
         is_path = isinstance(mesh, (str, PathLike))
         limits = (
@@ -241,7 +216,7 @@ class Scene:
         )
         vertices, faces = _arrays(mesh, *limits)
         base = self._new_name(name, Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
-        look = _look(f"mesh {base!r}", albedo, opacity, casts, receives)
+        look = as_look(f"mesh {base!r}", albedo, opacity, casts, receives)
         self._core.add_mesh(base, vertices, faces, *look)
         if transform is not None:
             try:
@@ -285,10 +260,17 @@ class Scene:
         ------
         ValueError
             If shapes do not fit or a value is not finite or not positive.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> scene.add_spheres([(0, 0, 1), (1, 0, 1)], [0.25, 0.5], albedo=(0.8, 0.2, 0.2))
+        'spheres'
         """
         base = self._new_name(name, "spheres")
-        c, r = _sphere_arrays(f"spheres {base!r}", centers, radii)
-        look = _look(f"spheres {base!r}", albedo, opacity, casts, receives)
+        c, r = sphere_arrays(f"spheres {base!r}", centers, radii)
+        look = as_look(f"spheres {base!r}", albedo, opacity, casts, receives)
         self._core.add_spheres(base, c, r, *look)
         self._entries[base] = Spheres(base, checks.frozen(c), checks.frozen(r), *look)
         return base
@@ -340,11 +322,20 @@ class Scene:
             not finite, a radius is not positive, or an option is out of range.
         TypeError
             If offsets are not integers.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> scene.add_curves([(0, 0, 0), (0, 0, 1), (1, 0, 0), (1, 0, 1)], [0, 2, 4], 0.01)
+        'curves'
+        >>> scene["curves"].sides
+        3
         """
         base = self._new_name(name, "curves")
         p, o, r = curve_arrays(f"curves {base!r}", points, offsets, radii)
         n = checks.integer(sides, f"curves {base!r}: sides", *SIDES)
-        look = _look(f"curves {base!r}", albedo, opacity, casts, receives)
+        look = as_look(f"curves {base!r}", albedo, opacity, casts, receives)
         vertices, faces = _core.kernels.curve_tubes(f'curves "{base}"', p, o, r, n)
         self._core.add_mesh(base, vertices, faces, *look)
         shape = checks.frozen(vertices), checks.frozen(faces), checks.frozen(np.eye(4))
@@ -353,8 +344,13 @@ class Scene:
         return base
 
     def copy(self) -> Scene:
-        """Return an independent scene with the same entries, of which nothing is built yet."""
-        return _scene_of(self.entries)
+        """Return an independent scene with the same entries, of which nothing is built yet.
+
+        Returns
+        -------
+        Scene
+        """
+        return scene_of(self.entries)
 
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
         """Place a mesh or curves; its adjacency and the tree's topology are kept.
@@ -370,8 +366,17 @@ class Scene:
         ------
         ValueError
             If there is no such mesh, or the matrix is not finite, not affine or singular.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> board = scene.add(ss.scenes.square(1))
+        >>> scene.set_transform(board, [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]])
+        >>> scene.bounds[:, 2].tolist()
+        [5.0, 5.0]
         """
-        entry = self._mesh(name)
+        entry = mesh_of(self, name)
         placed = checks.frozen(self._place(name, matrix))
         self._entries[name] = replace(entry, transform=placed)
 
@@ -399,9 +404,19 @@ class Scene:
         ValueError
             If there is no such mesh, the count differs, a coordinate is not finite, or joined
             vertices are torn apart; for curves as `add_curves`.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> vertices, faces = ss.scenes.square(1)
+        >>> board = scene.add((vertices, faces))
+        >>> scene.set_vertices(board, 2 * vertices)
+        >>> scene.bounds[:, 0].tolist()
+        [-2.0, 2.0]
         """
-        entry = self._mesh(name)
-        v = _as_vertices(vertices, f"mesh {name!r}")
+        entry = mesh_of(self, name)
+        v = as_vertices(vertices, f"mesh {name!r}")
         if isinstance(entry, Curves):
             what = f'curves "{name}"'
             if v.shape != entry.points.shape:
@@ -438,7 +453,7 @@ class Scene:
         if not isinstance(entry, Spheres):
             raise ValueError(f"mesh {name!r}: expected the name of spheres")
         what = f"spheres {name!r}"
-        c, r = _sphere_arrays(what, centers, entry.radii if radii is None else radii)
+        c, r = sphere_arrays(what, centers, entry.radii if radii is None else radii)
         self._core.set_spheres(name, c, r)
         self._entries[name] = replace(entry, centers=checks.frozen(c), radii=checks.frozen(r))
 
@@ -464,10 +479,19 @@ class Scene:
         ------
         ValueError
             If there is no such entry, or a value is out of its range.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> scene = ss.Scene()
+        >>> board = scene.add(ss.scenes.square(1))
+        >>> scene.set_look(board, opacity=0.25, casts=False)
+        >>> scene[board].opacity, scene[board].casts
+        (0.25, False)
         """
         e = self._entry(name)
-        look = _look(
-            f"{_kind(e)} {name!r}",
+        look = as_look(
+            f"{kind_of(e)} {name!r}",
             e.albedo if albedo is None else albedo,
             e.opacity if opacity is None else opacity,
             e.casts if casts is None else casts,
@@ -479,6 +503,11 @@ class Scene:
 
     def remove(self, name: str) -> None:
         """Take an entry out of the scene; those after it move up in ``mesh_id``.
+
+        Parameters
+        ----------
+        name : str
+            As returned by `add`, `add_spheres` or `add_curves`.
 
         Raises
         ------
@@ -496,18 +525,12 @@ class Scene:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _scene_of, (self.entries,)
+        return scene_of, (self.entries,)
 
     def _entry(self, name: str) -> Mesh | Spheres:
         entry = self._entries.get(name) if isinstance(name, str) else None
         if entry is None:
             raise ValueError(f"scene: nothing named {name!r}; it has {list(self._entries)}")
-        return entry
-
-    def _mesh(self, name: str) -> Mesh:
-        entry = self._entries.get(name) if isinstance(name, str) else None
-        if not isinstance(entry, Mesh):
-            raise ValueError(f"scene: no mesh named {name!r}; it has {list(self._entries)}")
         return entry
 
     def _new_name(self, name: str | None, base: str) -> str:
@@ -525,11 +548,21 @@ class Scene:
         return f"Scene({', '.join(self._entries)}; {self.triangle_count} triangles)"
 
 
-SIDES = (3, 64)
-"""Flat sides that a curve's tube may have."""
+def mesh_of(scene: Scene, name: str) -> Mesh:
+    """Return a scene's entry that is a mesh, curves included.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    entry = scene[name] if isinstance(name, str) and name in scene else None
+    if not isinstance(entry, Mesh):
+        raise ValueError(f"scene: no mesh named {name!r}; it has {list(scene)}")
+    return entry
 
 
-def _scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
+def scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
     """Return a scene of its own with these entries."""
     scene = Scene()
     for e in entries:
@@ -546,63 +579,6 @@ def _scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
     return scene
 
 
-def _kind(entry: Mesh | Spheres) -> str:
-    """Return what messages call an entry."""
-    return "mesh" if isinstance(entry, Mesh) else "spheres"
-
-
-Look: TypeAlias = "tuple[tuple[float, float, float], float, bool, bool]"
-"""Albedo, opacity, whether it casts, whether it receives."""
-
-
-def _look(what: str, albedo: RGB, opacity: float, casts: bool, receives: bool) -> Look:
-    """Return how an entry looks, checked."""
-    rgb = as_rgb(albedo, f"{what}: albedo")
-    o = checks.number(opacity, f"{what}: opacity", "a number between 0 and 1", finite=False)
-    if not 0 <= o <= 1:  # here, since the core would see it rounded to single precision
-        got = "NaN" if math.isnan(o) else opacity
-        entry = what.replace("'", '"')  # as the core has it
-        raise ValueError(f"{entry}: opacity must be between 0 and 1, got {got}")
-    flags = checks.flag(casts, f"{what}: casts"), checks.flag(receives, f"{what}: receives")
-    return rgb, o, *flags
-
-
-def _as_vertices(vertices: npt.ArrayLike, what: str = "mesh") -> npt.NDArray[np.float64]:
-    v = checks.numbers(vertices, f"{what}: vertices", "numbers")
-    if v.ndim != 2 or v.shape[1] != 3:
-        raise ValueError(f"{what}: expected vertices of shape (V, 3), got {v.shape}")
-    return v
-
-
-def _sphere_arrays(
-    what: str, centers: npt.ArrayLike, radii: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return private, contiguous copies; the core checks their values."""
-    c = np.atleast_2d(checks.numbers(centers, f"{what}: centers"))
-    r = checks.numbers(radii, f"{what}: radii")
-    if c.ndim != 2 or c.shape[1] != 3:
-        raise ValueError(f"{what}: expected centers of shape (N, 3), got {c.shape}")
-    if r.shape not in ((), (len(c),)):
-        raise ValueError(f"{what}: expected {len(c)} radii, got shape {r.shape}")
-    return c, np.array(np.broadcast_to(r, (len(c),)))
-
-
-def curve_arrays(
-    what: str, points: npt.ArrayLike, offsets: npt.ArrayLike, radii: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Return private, contiguous copies of the arrays of curves; the core checks their values."""
-    p = checks.numbers(points, f"{what}: points", "numbers")
-    r = np.atleast_1d(checks.numbers(radii, f"{what}: radii", "numbers"))
-    o = checks.indices(offsets, f"{what}: offsets")
-    if p.ndim != 2 or p.shape[1] != 3:
-        raise ValueError(f"{what}: expected points of shape (P, 3), got {p.shape}")
-    if o.ndim != 1:
-        raise ValueError(f"{what}: expected offsets of shape (C + 1,), got {o.shape}")
-    if r.ndim != 1:
-        raise ValueError(f"{what}: expected radii of shape (), (C,) or (P,), got {r.shape}")
-    return p, o, r
-
-
 def _arrays(
     mesh: MeshLike, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
@@ -614,14 +590,8 @@ def _arrays(
             if str(error).startswith(str(mesh)):
                 raise
             raise ValueError(f"{mesh}: {error}") from None
-    if isinstance(mesh, trimesh.Scene):
-        mesh = _flatten(mesh)
-    if isinstance(mesh, trimesh.PointCloud):
-        raise ValueError(
-            f"mesh: a point cloud of {len(mesh.vertices)} points, where triangles are needed"
-        )
-    if isinstance(mesh, trimesh.Trimesh):
-        vertices, faces = mesh.vertices, mesh.faces
+    if (arrays := from_trimesh(mesh)) is not None:
+        vertices, faces = arrays
     elif isinstance(mesh, tuple) and len(mesh) == 2:
         vertices, faces = mesh
     else:
@@ -629,24 +599,5 @@ def _arrays(
             "mesh: expected trimesh.Trimesh, trimesh.Scene, a path or a pair "
             f"(vertices, faces), got {type(mesh).__name__}"
         )
-    v = _as_vertices(vertices)
+    v = as_vertices(vertices)
     return v, as_faces(faces, "mesh: faces", len(v))
-
-
-def as_faces(faces: npt.ArrayLike, what: str, vertices: int) -> npt.NDArray[np.int64]:
-    """Return a private, contiguous copy of faces; the core checks what they refer to."""
-    last = max(vertices - 1, 0)
-    f = checks.indices(faces, what, f"vertices 0 to {last} ({vertices} vertices)")
-    if f.size == 0:
-        f = f.reshape(0, 3)
-    if f.ndim != 2 or f.shape[1] != 3:
-        raise ValueError(f"{what}: expected shape (F, 3), got {f.shape}")
-    return f
-
-
-def _flatten(scene: trimesh.Scene) -> trimesh.Trimesh:
-    parts = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
-    if not parts:
-        kinds = sorted({type(g).__name__ for g in scene.geometry.values()})
-        raise ValueError(f"mesh: the trimesh.Scene has no triangle meshes, only {kinds}")
-    return trimesh.util.concatenate(parts)

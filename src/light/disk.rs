@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::contour;
 use super::falloff::beyond_line_over_disk;
-use super::{Light, Shape, check_finite, check_radius, unit};
+use super::{Light, Shape, Sphere, check_finite, check_radius, unit};
 use crate::error::{Error, Result};
 
 /// A disk emitting towards `normal`.
@@ -63,6 +63,10 @@ impl Disk {
 
     pub(super) fn normal(&self) -> Option<DVec3> {
         Some(self.normal)
+    }
+
+    pub(super) fn as_sphere(&self) -> Option<Sphere> {
+        None
     }
 
     pub(super) fn half_width(&self) -> f64 {

@@ -129,6 +129,11 @@ impl Light {
         of_shape!(self, shape => shape.normal())
     }
 
+    /// The light, if it is a sphere and not flat.
+    pub fn as_sphere(&self) -> Option<Sphere> {
+        of_shape!(self, shape => shape.as_sphere())
+    }
+
     /// Whether a local light has no width.
     pub fn is_point(&self) -> bool {
         of_shape!(self, shape => shape.half_width()) <= POINT

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::contour::{self, rect_corners};
-use super::{Light, Shape, check_finite};
+use super::{Light, Shape, Sphere, check_finite};
 use crate::error::{Error, Result};
 
 /// A parallelogram with full edge vectors, emitting towards `u × v`.
@@ -67,6 +67,10 @@ impl Rect {
 
     pub(super) fn normal(&self) -> Option<DVec3> {
         Some(self.u.cross(self.v).normalize())
+    }
+
+    pub(super) fn as_sphere(&self) -> Option<Sphere> {
+        None
     }
 
     pub(super) fn half_width(&self) -> f64 {

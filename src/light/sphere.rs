@@ -53,6 +53,10 @@ impl Sphere {
         None
     }
 
+    pub(super) fn as_sphere(&self) -> Option<Sphere> {
+        Some(*self)
+    }
+
     pub(super) fn half_width(&self) -> f64 {
         self.radius
     }

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::light::{Light, Shape, Sphere};
+use crate::light::{Light, Sphere};
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Flat {
@@ -30,10 +30,7 @@ pub(super) struct Cap {
 
 impl Cap {
     pub(super) fn new(light: &Light, p: DVec3) -> Option<Cap> {
-        let Sphere { center, radius } = match light.shape {
-            Shape::Sphere(sphere) => sphere,
-            Shape::Rect(_) | Shape::Disk(_) => return None,
-        };
+        let Sphere { center, radius } = light.as_sphere()?;
         let d = center - p;
         let distance = d.length();
         if distance <= radius || distance == 0.0 {

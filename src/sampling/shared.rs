@@ -13,7 +13,6 @@ use glam::DVec3;
 use super::fill::coordinates;
 use super::{LightSamples, Sampler};
 use crate::frame::POINT_OFFSET;
-use crate::light::Shape;
 use crate::light::Sphere;
 use crate::simd::LANES;
 
@@ -31,9 +30,9 @@ pub struct SharedPoint {
 impl Sampler {
     /// The light points that receivers in the convex hull of `corners` share, in the pattern's order.
     pub fn shared(&self, corners: &[DVec3]) -> Vec<SharedPoint> {
-        match self.light.shape {
-            Shape::Rect(_) | Shape::Disk(_) => self.shared_flat(corners[0]),
-            Shape::Sphere(sphere) => self.shared_on(sphere, corners),
+        match self.light.as_sphere() {
+            None => self.shared_flat(corners[0]),
+            Some(sphere) => self.shared_on(sphere, corners),
         }
     }
 

@@ -24,7 +24,7 @@ use super::transform::camera;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
-use crate::light::{Light, Shape, Sphere};
+use crate::light::{Light, Sphere};
 use crate::raster::coverage::{Bitmap, Projected, cover, cover_facing};
 use crate::sampling::{Pattern, Sampler, SharedPoint};
 use crate::simd::{LANES, Lanes, Row, detect};
@@ -96,10 +96,10 @@ enum Kind {
 
 impl Kind {
     fn of(light: &Light) -> Self {
-        match light.shape {
-            Shape::Sphere(Sphere { radius: 0.0, .. }) => Kind::Point,
-            Shape::Sphere(_) => Kind::Sphere,
-            Shape::Rect(_) | Shape::Disk(_) => Kind::Flat,
+        match light.as_sphere() {
+            Some(Sphere { radius: 0.0, .. }) => Kind::Point,
+            Some(_) => Kind::Sphere,
+            None => Kind::Flat,
         }
     }
 }
@@ -327,9 +327,8 @@ fn draw(occluders: &Occluders, side: &Side, point: DVec3, size: [u32; 2], beam: 
 
 /// Solid angle of a sphere.
 fn solid_angle(light: &Light, p: DVec3) -> f64 {
-    let Sphere { center, radius } = match light.shape {
-        Shape::Sphere(sphere) => sphere,
-        Shape::Rect(_) | Shape::Disk(_) => return 0.0,
+    let Some(Sphere { center, radius }) = light.as_sphere() else {
+        return 0.0;
     };
     let sin = (radius / (center - p).length()).min(1.0);
     let cos = ((1.0 - sin) * (1.0 + sin)).sqrt();

@@ -9,13 +9,12 @@ with.
 from __future__ import annotations
 
 import argparse
-import json
+import multiprocessing
 import os
-import queue
-import subprocess
 import sys
-import threading
 import time
+
+import softshadow as ss
 
 from fuzz.checks import Failure, Run, digest
 from fuzz.scenes import make
@@ -24,65 +23,56 @@ from fuzz.smaller import program, smallest
 # Seconds after which a case hangs.
 PATIENCE = 600.0
 
+# Forks have what this process has imported, which takes longer than a case.
+PROCESSES = multiprocessing.get_context("fork" if hasattr(os, "fork") else "spawn")
+
 
 class Worker:
-    """A process that answers a line for every seed."""
+    """A process that answers seeds."""
 
     def __init__(self, threads: int) -> None:
         self._threads = threads
         self._start()
 
     def _start(self) -> None:
-        environment = {**os.environ, "RAYON_NUM_THREADS": str(self._threads)}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "fuzz", "--worker", str(self._threads)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
-        self._lines: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=self._read, args=(self._process, self._lines), daemon=True).start()
-
-    @staticmethod
-    def _read(process, lines) -> None:
-        for line in process.stdout:
-            lines.put(line)
-        lines.put("")
+        self._pipe, theirs = PROCESSES.Pipe()
+        self._process = PROCESSES.Process(target=work, args=(theirs, self._threads), daemon=True)
+        self._process.start()
+        theirs.close()
 
     def send(self, seed: int) -> None:
-        self._process.stdin.write(f"{seed}\n")
-        self._process.stdin.flush()
+        self._pipe.send(seed)
 
     def answer(self) -> tuple[dict, str]:
         """What the process says of the seed, or what became of it."""
         try:
-            line = self._lines.get(timeout=PATIENCE)
-        except queue.Empty:
-            line, what = "", f"no answer within {PATIENCE:.0f} s"
-        else:
-            what = f"the process ended: {self._process.wait()}" if not line else ""
-        if line:
-            return json.loads(line), ""
+            if self._pipe.poll(PATIENCE):
+                return self._pipe.recv(), ""
+            what = f"no answer within {PATIENCE:.0f} s"
+        except EOFError:
+            self._process.join()
+            what = f"the process ended: {self._process.exitcode}"
         self.end()
         self._start()
         return {}, what
 
     def end(self) -> None:
         self._process.kill()
-        self._process.wait()
+        self._process.join()
+        self._pipe.close()
 
 
-def work(threads: int) -> None:
+def work(pipe, threads: int) -> None:
     """Answers seeds: the bits of all methods and, with more than one thread, what fails."""
-    for line in sys.stdin:
-        case = make(int(line))
+    ss.set_threads(threads)
+    while True:
+        case = make(pipe.recv())
         out: dict = {"bits": digest(case)}
         if threads > 1:
             run = Run(case)
             run.all()
             out["failures"] = [(f.check, f.method, f.what) for f in run.failures]
-        print(json.dumps(out), flush=True)
+        pipe.send(out)
 
 
 def main() -> int:
@@ -90,11 +80,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--seed", type=int, default=0, help="the first of the cases")
     parser.add_argument("--count", type=int, default=sys.maxsize, help="cases at most")
-    parser.add_argument("--worker", type=int, default=0, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.worker:
-        work(options.worker)
-        return 0
     many, single = Worker(max(2, os.cpu_count() or 2)), Worker(1)
     end, seed, failed = time.monotonic() + options.seconds, options.seed, 0
     try:

@@ -30,27 +30,19 @@ import numpy as np
 import softshadow as ss
 from scipy.ndimage import minimum_filter
 from scipy.stats import norm
+from small_methods import methods
 
 from fuzz import brute
 from fuzz.scenes import Case
 
 # Settings under which a frame takes milliseconds.
-METHODS: dict[str, ss.Method] = {
-    "hard": ss.Hard(),
-    "ray_traced": ss.RayTraced(64),
-    "shadow_volume": ss.ShadowVolume(),
-    "wedges": ss.Wedges(),
-    "ssoc": ss.Ssoc(128),
-    "slsm": ss.Slsm(128, samples=64),
-    "mlsm": ss.Mlsm(128, samples=64),
-    "mtsm": ss.Mtsm(128, samples=64),
-    "single_sample": ss.SingleSample(),
-    "mvsm": ss.Mvsm(128, samples=64),
-    "pcf": ss.Pcf(128),
-    "deep": ss.DeepShadow(128),
-    "accumulation": ss.Accumulation(16, max_size=64),
-    "convolution": ss.Convolution(max_size=64),
-}
+METHODS = methods(
+    ss.method_names(),
+    {"accumulation": {"samples": 16}},
+    resolution=128,
+    samples=64,
+    max_size=64,
+)
 
 # Seconds for an image of 24 x 18; what is slower has no bound that a user would guess.
 SLOW = 20.0

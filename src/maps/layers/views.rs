@@ -30,7 +30,7 @@ use crate::casters::Casters;
 use crate::casters::behind::split;
 use crate::error::Result;
 use crate::geometry::Geometry;
-use crate::light::{Light, Rect, Shape, Sphere};
+use crate::light::{Light, Rect, Shape};
 use crate::maps::views::{COARSER, Extent, WIDEST, look_face};
 
 /// The least distance from eye to light, over that from the light to the farthest caster. It keeps inverse
@@ -139,10 +139,7 @@ fn sphere(
     }
     let geometry = casters.geometry();
     let center = light.center();
-    let radius = match light.shape {
-        Shape::Sphere(Sphere { radius, .. }) => radius,
-        Shape::Rect(_) | Shape::Disk(_) => 0.0,
-    };
+    let radius = light.as_sphere().map_or(0.0, |sphere| sphere.radius);
     let middle = middle(geometry, faces);
     let axis = (middle - center).try_normalize().unwrap_or(DVec3::Z);
     let right = axis.any_orthonormal_vector();

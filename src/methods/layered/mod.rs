@@ -31,7 +31,7 @@ use crate::control::Control;
 use crate::error::{Result, in_range};
 use crate::far::REACH;
 use crate::frame::Frame;
-use crate::light::{Light, Shape};
+use crate::light::{Light, Sphere};
 use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::map::LayerMap;
@@ -397,9 +397,8 @@ impl LightMaps {
     /// are others for every receiver, and most receivers are lit.
     fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
         let center = self.light.center();
-        let radius = match self.light.shape {
-            Shape::Sphere(sphere) => sphere.radius,
-            Shape::Rect(_) | Shape::Disk(_) => return true,
+        let Some(Sphere { radius, .. }) = self.light.as_sphere() else {
+            return true;
         };
         if (p - center).length() <= radius {
             return true;

@@ -26,7 +26,7 @@ use glam::{DQuat, DVec3};
 use super::volume::Quad;
 use crate::casters::edges::Edge;
 use crate::light::tangents::{Tangents, tangents};
-use crate::light::{Light, Shape, Sphere};
+use crate::light::{Light, Sphere};
 use crate::mesh::silhouettes::{loops, turn_at};
 
 /// How wedges are built.
@@ -110,8 +110,8 @@ impl Link {
         if sine < END_ON && touching.front.dot(touching.back) < 0.0 {
             return None;
         }
-        let limits = match light.shape {
-            Shape::Sphere(Sphere { center, radius }) if construction.paper_planes => {
+        let limits = match light.as_sphere() {
+            Some(Sphere { center, radius }) if construction.paper_planes => {
                 let plane = |p: DVec3| {
                     let n = direction.cross(p - ends[0]).normalize();
                     if n.dot(outside) < 0.0 { -n } else { n }
@@ -121,7 +121,7 @@ impl Link {
                     back: plane(center + radius * outside),
                 }
             }
-            Shape::Rect(_) | Shape::Disk(_) | Shape::Sphere(_) => touching,
+            _ => touching,
         };
         Some(Link {
             ends,

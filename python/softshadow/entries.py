@@ -1,0 +1,191 @@
+"""What a scene's entries hold: meshes, curves and spheres, checked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from softshadow import checks
+from softshadow.arguments import RGB, Triple, as_rgb
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+__all__ = [
+    "SIDES",
+    "Curves",
+    "Look",
+    "Mesh",
+    "Spheres",
+    "as_look",
+    "as_vertices",
+    "curve_arrays",
+    "kind_of",
+    "sphere_arrays",
+]
+
+SIDES = (3, 64)
+"""Flat sides that a curve's tube may have."""
+
+Look: TypeAlias = "tuple[Triple, float, bool, bool]"
+"""Albedo, opacity, whether it casts, whether it receives."""
+
+
+class _Entry:
+    """What entries share: they cannot be changed, also after a process boundary."""
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            kept = checks.frozen(value) if isinstance(value, np.ndarray) else value
+            object.__setattr__(self, name, kept)
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh(_Entry):
+    """One entry of a scene: a triangle mesh, as it was when the scene was asked for it.
+
+    Its fields and arrays cannot be changed: `Scene.set_vertices`, `Scene.set_transform` and
+    `Scene.set_look` change what is in the scene.
+
+    Attributes
+    ----------
+    name : str
+    vertices : ndarray, shape (V, 3), float64
+        Object space.
+    faces : ndarray, shape (F, 3), int64
+    transform : ndarray, shape (4, 4), float64
+        Object to world.
+    albedo : tuple of 3 floats
+    opacity : float
+    casts, receives : bool
+    """
+
+    name: str
+    vertices: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    transform: npt.NDArray[np.float64]
+    albedo: Triple
+    opacity: float
+    casts: bool
+    receives: bool
+
+    def world_vertices(self) -> npt.NDArray[np.float64]:
+        """Return the vertices in world space.
+
+        Returns
+        -------
+        ndarray, shape (V, 3), float64
+        """
+        rotated: npt.NDArray[np.float64] = self.vertices @ self.transform[:3, :3].T
+        return rotated + self.transform[:3, 3]
+
+
+@dataclass(frozen=True, eq=False)
+class Curves(Mesh):
+    """One entry of a scene: curves such as hair, and the mesh of tubes that stands for them.
+
+    Attributes
+    ----------
+    name, vertices, faces, transform, albedo, opacity, casts, receives
+        As of `Mesh`; the vertices and faces are those of the tubes.
+    points : ndarray, shape (P, 3), float64
+        Object space.
+    offsets : ndarray, shape (C + 1,), int64
+        Curve ``c`` has the points ``offsets[c]`` to ``offsets[c + 1] - 1``.
+    radii : ndarray, shape (1,), (C,) or (P,), float64
+    sides : int
+        Flat sides of each tube.
+    """
+
+    points: npt.NDArray[np.float64]
+    offsets: npt.NDArray[np.int64]
+    radii: npt.NDArray[np.float64]
+    sides: int
+
+
+@dataclass(frozen=True, eq=False)
+class Spheres(_Entry):
+    """One entry of a scene: analytic spheres, exact outlines without triangles.
+
+    Attributes
+    ----------
+    name : str
+    centers : ndarray, shape (N, 3), float64
+        World space.
+    radii : ndarray, shape (N,), float64
+    albedo : tuple of 3 floats
+    opacity : float
+    casts, receives : bool
+    """
+
+    name: str
+    centers: npt.NDArray[np.float64]
+    radii: npt.NDArray[np.float64]
+    albedo: Triple
+    opacity: float
+    casts: bool
+    receives: bool
+
+
+def kind_of(entry: Mesh | Spheres) -> str:
+    """Return what messages call an entry."""
+    return "mesh" if isinstance(entry, Mesh) else "spheres"
+
+
+def as_look(what: str, albedo: RGB, opacity: float, casts: bool, receives: bool) -> Look:
+    """Return how an entry looks, checked."""
+    rgb = as_rgb(albedo, f"{what}: albedo")
+    o = checks.number(opacity, f"{what}: opacity", "a number between 0 and 1", finite=False)
+    if not 0 <= o <= 1:  # here, since the core would see it rounded to single precision
+        got = "NaN" if math.isnan(o) else opacity
+        entry = what.replace("'", '"')  # as the core has it
+        raise ValueError(f"{entry}: opacity must be between 0 and 1, got {got}")
+    flags = checks.flag(casts, f"{what}: casts"), checks.flag(receives, f"{what}: receives")
+    return rgb, o, *flags
+
+
+def as_vertices(vertices: npt.ArrayLike, what: str = "mesh") -> npt.NDArray[np.float64]:
+    """Return a private, contiguous copy of vertices; the core checks their values."""
+    v = checks.numbers(vertices, f"{what}: vertices", "numbers")
+    if v.ndim != 2 or v.shape[1] != 3:
+        raise ValueError(f"{what}: expected vertices of shape (V, 3), got {v.shape}")
+    return v
+
+
+def sphere_arrays(
+    what: str, centers: npt.ArrayLike, radii: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return private, contiguous copies; the core checks their values."""
+    c = np.atleast_2d(checks.numbers(centers, f"{what}: centers"))
+    r = checks.numbers(radii, f"{what}: radii")
+    if c.ndim != 2 or c.shape[1] != 3:
+        raise ValueError(f"{what}: expected centers of shape (N, 3), got {c.shape}")
+    if r.shape not in ((), (len(c),)):
+        raise ValueError(f"{what}: expected {len(c)} radii, got shape {r.shape}")
+    return c, np.array(np.broadcast_to(r, (len(c),)))
+
+
+def curve_arrays(
+    what: str, points: npt.ArrayLike, offsets: npt.ArrayLike, radii: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Return private, contiguous copies of the arrays of curves; the core checks their values."""
+    p = checks.numbers(points, f"{what}: points", "numbers")
+    r = np.atleast_1d(checks.numbers(radii, f"{what}: radii", "numbers"))
+    o = checks.indices(offsets, f"{what}: offsets")
+    if p.ndim != 2 or p.shape[1] != 3:
+        raise ValueError(f"{what}: expected points of shape (P, 3), got {p.shape}")
+    if o.ndim != 1:
+        raise ValueError(f"{what}: expected offsets of shape (C + 1,), got {o.shape}")
+    if r.ndim != 1:
+        raise ValueError(f"{what}: expected radii of shape (), (C,) or (P,), got {r.shape}")
+    return p, o, r
