@@ -86,8 +86,11 @@ pub fn chosen() -> Result<(&'static str, Level), &'static str> {
 }
 
 /// The level that kernels run at: the best one where [`chosen`] is an error.
+#[inline]
 pub fn detect() -> Level {
-    chosen().map_or_else(|_| Level::new(), |(_, level)| level)
+    // Kept by itself: kernels ask once a packet, and this is all that they wait for.
+    static LEVEL: OnceLock<Level> = OnceLock::new();
+    *LEVEL.get_or_init(|| chosen().map_or_else(|_| Level::new(), |(_, level)| level))
 }
 
 /// Comparisons as one bit a lane, and the smaller and larger value with the same bits on every machine:

@@ -201,8 +201,7 @@ impl Outline {
         stack: &mut Vec<u32>,
         out: &mut Vec<EdgePlanes>,
     ) -> bool {
-        let outline = self;
-        dispatch!(detect(), simd => candidates_lanes(simd, outline, nodes, shaft, limit, stack, out))
+        dispatch!(detect(), simd => candidates_lanes(simd, self, nodes, shaft, limit, stack, out))
     }
 
     /// Bytes of edges and cones.
