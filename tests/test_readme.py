@@ -16,6 +16,7 @@ from softshadow.scenes import stanford_bunny_path
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
 
 
 def _blocks(language):
@@ -90,13 +91,10 @@ def test_every_method_has_a_page_and_a_row():
 
 
 def test_links_lead_somewhere():
-    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), ROOT / "benches" / "README.md"]
+    pages = [*PAGES, ROOT / "CHANGELOG.md", ROOT / "benches" / "README.md"]
     for page in pages:
-        for link in re.findall(r"\]\(([^)#:\s]+)\)", page.read_text()):
+        for link in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text()):
             assert (page.parent / link).exists(), (page, link)
-
-
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
 
 
 @pytest.mark.parametrize("name", ss.method_names())
