@@ -275,6 +275,8 @@ mod tests {
         let bits = |of: &dyn Fn(f32, f32) -> bool| {
             (0..LANES).fold(0, |m, i| m | u16::from(of(a.0[i], b.0[i])) << i)
         };
+        // Hidden, since compilers take a comparison with a plain 0 for a minimum that keeps -0.
+        let zero = std::hint::black_box(0.0);
         let sides = [a, b, b, a];
         let numbers = vec![
             number(&|x, y| x + y),
@@ -286,7 +288,7 @@ mod tests {
             number(&|x, _| x.abs()),
             number(&|x, y| if x < y { x } else { y }),
             number(&|x, y| if x > y { x } else { y }),
-            number(&|x, _| if x < 0.0 { x } else { 0.0 }),
+            number(&|x, _| if x < zero { x } else { zero }),
             lane(&|i| if 0x5a3c >> i & 1 == 1 { a.0[i] } else { b.0[i] }),
             number(&|x, y| if x < y { x } else { y }),
             lane(&|i| a.0[i ^ 4]),

@@ -175,7 +175,7 @@ lights = [
     ss.DiskLight((0, 2, 1), (0, -2, -1), 0.4),
 ]
 vertices, faces = geodesic(6)
-for opacity in (1.0, 0.3):
+for opacity in (0.3, 1.0):
     scene = ss.Scene()
     scene.add(FLOOR, "floor")
     scene.add((vertices * 0.3 + [0, 0, 0.6], faces), "ball", opacity=opacity)
