@@ -8,7 +8,7 @@ EXTRAS := plot,metrics,io,cli,bake,scenes,mitsuba
 PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels clean
+.PHONY: demo test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels aarch64 clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -39,6 +39,14 @@ test-python: $(STAMP)
 ## Runs long studies of what short tests claim, too.
 test-slow: $(STAMP)
 	$(BIN)/python -m pytest $(PARALLEL) -m slow
+
+## Runs the Rust tests for AArch64, whose bits must be those of x86-64: with a cross compiler and QEMU's user mode
+## (Debian: gcc-aarch64-linux-gnu, libc6-dev-arm64-cross and qemu-user; and rustup target add $(AARCH64)).
+AARCH64 := aarch64-unknown-linux-gnu
+aarch64:
+	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
+	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L /usr/aarch64-linux-gnu" \
+	cargo test --no-default-features --target $(AARCH64) --quiet
 
 ## Formatters, linters and type checkers; warnings are errors.
 lint: lint-rust lint-python

@@ -201,8 +201,7 @@ impl Outline {
         stack: &mut Vec<u32>,
         out: &mut Vec<EdgePlanes>,
     ) -> bool {
-        let outline = self;
-        dispatch!(detect(), simd => candidates_lanes(simd, outline, nodes, shaft, limit, stack, out))
+        dispatch!(detect(), simd => candidates_lanes(simd, self, nodes, shaft, limit, stack, out))
     }
 
     /// Bytes of edges and cones.
@@ -357,7 +356,7 @@ impl Shaft {
         for axis in 0..3 {
             let rising = self.rising[axis].load(simd) * min[axis];
             let falling = self.falling[axis].load(simd) * max[axis];
-            nearest = nearest + (rising + falling);
+            nearest += rising + falling;
         }
         nearest.le(self.offset.load(simd)) == u16::MAX
     }

@@ -197,8 +197,7 @@ impl Look {
             }
         }
         let (corners, mut possible) = (&self.corners, [true; BLOCK]);
-        let out = &mut possible;
-        dispatch!(detect(), _ => look_lanes(corners, eye, extremes, out));
+        dispatch!(detect(), _ => look_lanes(corners, eye, extremes, &mut possible));
         possible
     }
 }
@@ -271,8 +270,7 @@ fn largest(positions: &[Vec3]) -> [[f32; 2]; 7] {
             let p = positions[if i < positions.len() { i } else { 0 }];
             (columns[0][i], columns[1][i], columns[2][i]) = (p.x, p.y, p.z);
         }
-        let (from, into) = (&columns, &mut most);
-        dispatch!(detect(), _ => largest_lanes(from, into));
+        dispatch!(detect(), _ => largest_lanes(&columns, &mut most));
     }
     most.map(|sides| sides.map(|lanes| lanes.into_iter().fold(f32::NEG_INFINITY, f32::max)))
 }

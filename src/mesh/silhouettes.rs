@@ -115,8 +115,7 @@ fn sides(position: impl Fn(u32) -> DVec3, faces: &[[u32; 3]], point: DVec3, side
             }
         }
         let mut found = [0; BLOCK];
-        let (of, into) = (&corners, &mut found);
-        dispatch!(level, _ => filter_lanes(of, point, into));
+        dispatch!(level, _ => filter_lanes(&corners, point, &mut found));
         side.copy_from_slice(&found[..faces.len()]);
         for (side, f) in side.iter_mut().zip(faces) {
             if *side == 0 {

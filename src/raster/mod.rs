@@ -297,8 +297,8 @@ fn fill<T: Sink>(
 ) {
     for items in items.chunk_by(|a, b| a.is_whole() == b.is_whole()) {
         if items[0].is_whole() {
-            // A generic item cannot be named inside the functions that `dispatch!` makes, hence the trait
-            // object; it is called once a span.
+            // A trait object, so that the kernel is compiled once a level and not for every sink as well; it is called
+            // once a span.
             let sink: &mut dyn Sink = sink;
             dispatch!(detect(), simd => fill_lanes(simd, faces, points, items, camera, tile, sink));
         } else {

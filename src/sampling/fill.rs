@@ -83,8 +83,7 @@ pub(super) fn fill_flat<S: Simd>(
     flat: &Flat,
     pattern: &Pattern,
     scramble: [u32; 2],
-    p: Vec3,
-    n: Vec3,
+    [p, n]: [Vec3; 2],
     out: &mut LightSamples,
 ) {
     let has_normal = n != Vec3::ZERO;
@@ -122,8 +121,7 @@ pub(super) fn fill_cap<S: Simd>(
     cap: &Cap,
     pattern: &Pattern,
     scramble: [u32; 2],
-    p: Vec3,
-    n: Vec3,
+    [p, n]: [Vec3; 2],
     offset: f32,
     out: &mut LightSamples,
 ) {

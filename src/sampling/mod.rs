@@ -176,14 +176,14 @@ impl Sampler {
         };
         match (&self.flat, Cap::new(&self.light, p)) {
             (Some(flat), _) => {
-                let (pattern, p, n) = (&self.pattern, p.as_vec3(), n.as_vec3());
-                dispatch!(detect(), simd => fill_flat(simd, flat, pattern, scramble, p, n, out));
+                let (pattern, at) = (&self.pattern, [p.as_vec3(), n.as_vec3()]);
+                dispatch!(detect(), simd => fill_flat(simd, flat, pattern, scramble, at, out));
             }
             (None, Some(cap)) => {
                 let size = cap.distance + self.light.center().abs().max_element().max(1.0);
                 let offset = (POINT_OFFSET * size) as f32;
-                let (pattern, p, n, cap) = (&self.pattern, p.as_vec3(), n.as_vec3(), &cap);
-                dispatch!(detect(), simd => fill_cap(simd, cap, pattern, scramble, p, n, offset, out));
+                let (pattern, at, cap) = (&self.pattern, [p.as_vec3(), n.as_vec3()], &cap);
+                dispatch!(detect(), simd => fill_cap(simd, cap, pattern, scramble, at, offset, out));
             }
             (None, None) => {
                 // Inside a sphere: it emits outwards only.

@@ -465,6 +465,7 @@ impl Walk<'_> {
         }
         if leaves != 0 {
             let four = Four {
+                leaves,
                 left: Vec4::new(u, u + size, u, u + size),
                 upper: Vec4::new(v, v, v + size, v + size),
                 size,
@@ -473,7 +474,7 @@ impl Walk<'_> {
                 range: [far, Vec4::from_array(quad.high) - w],
             };
             let at = (y as usize * across + x as usize) * self.map.layers;
-            self.pieces(simd, data, at, leaves, &four, transparent, seen);
+            self.pieces(simd, data, at, &four, transparent, seen);
         }
         if last < stack.len() {
             let top = stack.len() - 1;
@@ -488,7 +489,6 @@ impl Walk<'_> {
         simd: S,
         data: &Level,
         at: usize,
-        leaves: u32,
         four: &Four,
         transparent: bool,
         seen: &mut Seen,
@@ -500,7 +500,7 @@ impl Walk<'_> {
         for (i, block) in data.blocks[at..at + k].iter().enumerate() {
             let depths = Vec4::from_array(block.inverse_depth) - w;
             if !transparent {
-                let ahead = depths.cmpgt(from).bitmask() & leaves;
+                let ahead = depths.cmpgt(from).bitmask() & four.leaves;
                 // The layers behind lie deeper still.
                 if ahead == 0 {
                     return;
@@ -527,7 +527,7 @@ impl Walk<'_> {
                     };
                 }
             }
-            let ahead = first.cmpgt(from).bitmask() & leaves;
+            let ahead = first.cmpgt(from).bitmask() & four.leaves;
             if ahead == 0 {
                 continue;
             }
@@ -722,6 +722,8 @@ impl Walk<'_> {
 
 /// Four texels, as the receiver sees them.
 struct Four {
+    /// Which of them are there to look at.
+    leaves: u32,
     /// Their sides, from the receiver.
     left: Vec4,
     upper: Vec4,

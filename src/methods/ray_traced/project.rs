@@ -88,8 +88,7 @@ impl Viewers {
     /// Draws what each receiver sees of `edges`.
     pub(super) fn project(&self, edges: &[EdgePlanes], images: &mut Images) {
         *images = Images::default();
-        let viewers = self;
-        dispatch!(detect(), simd => project_lanes(simd, edges, viewers, images));
+        dispatch!(detect(), simd => project_lanes(simd, edges, self, images));
     }
 }
 

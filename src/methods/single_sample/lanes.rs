@@ -70,8 +70,7 @@ impl Views {
 
     /// Looks at the light from all receivers that are set.
     pub(super) fn look(&mut self, level: Level, active: u16) {
-        let views = &mut *self;
-        dispatch!(level, simd => look(simd, views));
+        dispatch!(level, simd => look(simd, self));
         let mut low = self.low & active;
         while low != 0 {
             let lane = low.trailing_zeros() as usize;
