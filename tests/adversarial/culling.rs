@@ -9,7 +9,7 @@ use softshadow::light::Light;
 use softshadow::receivers::Receivers;
 use softshadow::scene::Material;
 
-use crate::{OPAQUE, Random, bits, scene, shade, vec};
+use super::{OPAQUE, Random, bits, scene, shade, vec};
 
 /// Receivers whose answer culling changes, and those in a penumbra.
 fn culling(geometry: &Arc<Geometry>, light: Light, at: &Receivers, n: i64) -> (usize, usize) {
