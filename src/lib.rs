@@ -43,3 +43,11 @@ pub mod textures;
 
 #[cfg(feature = "python")]
 mod python;
+
+// Hard cases name the crate as others do, and use what is public.
+#[cfg(test)]
+extern crate self as softshadow;
+
+#[cfg(test)]
+#[path = "../tests/adversarial/main.rs"]
+mod adversarial;

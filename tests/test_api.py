@@ -217,7 +217,8 @@ def test_progress_never_goes_back_with_several_lights():
     scene = _scene(16)
     told = []
     camera = ss.Camera((0.4, -3.2, 2.0), (0, 0, 0.3), width=320, height=240)
-    ss.render(scene, camera, LIGHTS * 2, ss.RayTraced(samples=256, cull=False), told.append)
+    prepared = ss.prepare(scene, LIGHTS * 2, ss.RayTraced(samples=256, cull=False))
+    prepared.render(camera, told.append)
     assert len(told) >= 4
     assert all(0 <= f <= 1 for f in told)
     assert told == sorted(told)

@@ -365,9 +365,10 @@ def test_progress_is_told_and_can_stop_the_work(method):
             raise EnoughError
 
     setup = ss.scenes.closed_solids(256, 256, detail=2)
+    prepared = ss.prepare(setup.scene, setup.light, method)  # which has fractions of its own
     watch = Stopwatch()
     with pytest.raises(EnoughError):
-        ss.render(setup.scene, setup.camera, setup.light, method, callback)
+        prepared.render(setup.camera, callback)
     # Told every 0.05 s; then what is being done ends within 0.2 s.
     assert watch.longest() < 2
     assert told == sorted(told)

@@ -9,7 +9,7 @@ use softshadow::light::Light;
 use softshadow::receivers::Receivers;
 use softshadow::scene::snapshot::Snapshot;
 
-use crate::{OPAQUE, Random, bits, scene, shade, vec};
+use super::{OPAQUE, Random, bits, scene, shade, vec};
 
 /// Receivers whose answer culling changes, and those in a penumbra.
 fn culling(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32) -> (usize, usize) {

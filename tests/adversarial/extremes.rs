@@ -13,7 +13,7 @@ use softshadow::receivers::visible::from_camera;
 use softshadow::sampling::{GRID, LightSamples, Pattern, Sampler};
 use softshadow::scene::Scene;
 
-use crate::{NO_CASTER, OPAQUE, bits, scene, shade, vec};
+use super::{NO_CASTER, OPAQUE, bits, scene, shade, vec};
 
 fn lights_at(distance: f64, size: f64) -> Vec<Light> {
     let c = vec(0.1 * distance, 0.2 * distance, distance + 0.01);

@@ -8,7 +8,7 @@ use softshadow::camera::Camera;
 use softshadow::control::Control;
 use softshadow::raster::{SPAN, Sink, rasterize};
 
-use crate::Random;
+use super::Random;
 
 struct Count(HashMap<(u32, u32), Vec<u32>>);
 

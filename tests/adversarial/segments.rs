@@ -5,7 +5,7 @@ use robust::{Coord3D, orient3d};
 use softshadow::bvh::packet::Packet;
 use softshadow::scene::snapshot::Snapshot;
 
-use crate::{OPAQUE, Random, scene, vec};
+use super::{OPAQUE, Random, scene, vec};
 
 fn side(a: Vec3, b: Vec3, c: Vec3, p: Vec3) -> f64 {
     let coord = |v: Vec3| Coord3D {
