@@ -26,7 +26,7 @@ pub enum Error {
         mesh: String,
         /// Its faces.
         faces: usize,
-        /// Where they are.
+        /// Their common place.
         point: [f64; 3],
     },
     /// A NaN or infinite coordinate.
@@ -63,7 +63,7 @@ pub enum Error {
         what: String,
         /// How many there are.
         count: usize,
-        /// Of what.
+        /// What is counted, such as `"points"`.
         items: &'static str,
         /// How many fit.
         limit: usize,

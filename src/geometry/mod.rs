@@ -186,7 +186,8 @@ impl Geometry {
         })
     }
 
-    /// The same triangles and looks with all positions moved by `f`; spheres, which would be none, stay where they are.
+    /// A geometry with the same triangles and looks and all positions moved by `f`; spheres, which would be none, stay
+    /// where they are.
     pub fn mapped(&self, f: impl Fn(DVec3) -> DVec3 + Sync) -> Geometry {
         let moved = |p: &Vec3| f(p.as_dvec3()).as_vec3();
         Geometry {
@@ -222,7 +223,7 @@ impl Geometry {
         &self.meshes[self.meshes.partition_point(|m| m.first_face <= face) - 1]
     }
 
-    /// As [`Geometry::mesh_of`], of triangles that mostly belong to the mesh of the one before.
+    /// The mesh as [`Geometry::mesh_of`] finds it, for triangles that mostly belong to the mesh of the one before.
     pub fn mesh_after<'a>(&'a self, last: &mut Option<&'a MeshRange>, face: u32) -> &'a MeshRange {
         match *last {
             Some(mesh) if face.wrapping_sub(mesh.first_face) < mesh.faces => mesh,

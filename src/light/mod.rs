@@ -190,7 +190,7 @@ impl Light {
     }
 
     /// Slopes `s` of the two planes through a line that touch the light, by their normals `κ + s µ`: the line goes
-    /// through `point` across `κ` and `µ`, and the light's middle is at `distance` from it, along `µ`. Nothing where
+    /// through `point` across `κ` and `µ`, and the light's middle is at `distance` from it, along `µ`. No slopes where
     /// the line meets the light.
     fn slopes(&self, point: DVec3, distance: f64, axes: [DVec3; 2]) -> Option<[f64; 2]> {
         of_shape!(self, shape => shape.slopes(point, distance, axes))

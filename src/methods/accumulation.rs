@@ -36,7 +36,7 @@ pub enum Content {
     Radiance,
     /// The fraction that is seen; the unshadowed light comes from its closed form.
     Modulation,
-    /// The same in eight bits, drawn by adding `(256 - a) / n` for every light point that is seen.
+    /// The same fraction in eight bits, drawn by adding `(256 - a) / n` for every light point that is seen.
     EightBit,
 }
 

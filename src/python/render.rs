@@ -397,7 +397,7 @@ fn check_memory(camera: &Camera, lights: usize) -> Result<()> {
     memory::check(|| format!("Camera: an image of {width} x {height}"), bytes)
 }
 
-/// From the receivers' order to the user's.
+/// Writes values in the receivers' order to the user's order.
 pub(super) fn scatter(receivers: &Receivers, values: &[f32], out: &mut [f32]) {
     for (&i, &v) in receivers.index.iter().zip(values) {
         out[i as usize] = v;

@@ -54,7 +54,7 @@ pub(super) struct Item {
     pub(super) triangle: u32,
     /// [`Item::WHOLE`], or a pixel that it covers: `x + TILE y` within the tile.
     pub(super) pixel: u32,
-    /// At the pixel.
+    /// Inverse depth at the pixel.
     pub(super) inverse_depth: f64,
 }
 

@@ -15,9 +15,9 @@ use crate::camera::Camera;
 /// A point with its place in the image.
 #[derive(Debug, Clone, Copy)]
 pub struct Projected {
-    /// As [`Camera::project`] gives it.
+    /// The point in homogeneous pixel coordinates, as [`Camera::project`] gives it.
     point: DVec3,
-    /// In pixels; nothing where the point is behind the near plane.
+    /// The point's place in the image, in pixels; without meaning where it is behind the near plane.
     screen: [f64; 2],
     bounds: Bounds,
 }
@@ -55,8 +55,8 @@ pub fn cover(
     cover_facing(face, points, camera, false, &mut span);
 }
 
-/// As [`cover`]; with `front` only of a triangle that has a positive area in the image. Of a closed body that
-/// is all in front of the near plane, they cover what all of its triangles do.
+/// Calls `span` as [`cover`] does; with `front` only for a triangle that has a positive area in the image. Of a closed
+/// body that is all in front of the near plane, they cover what all of its triangles do.
 #[inline(always)]
 pub fn cover_facing(
     face: &[u32; 3],
@@ -235,7 +235,7 @@ impl Rows<4> {
 }
 
 impl<const N: usize> Rows<N> {
-    /// Of the pixels inside the edges, between `low` and `high`.
+    /// The rows of pixels inside the edges, between the pixels `low` and `high`; `None` where there are none.
     #[inline(always)]
     fn of(edges: [EdgeFunction; N], low: [u32; 2], high: [u32; 2]) -> Option<Self> {
         let none = |x: f64| Crossings {

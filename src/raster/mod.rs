@@ -108,7 +108,7 @@ pub fn rasterize<S: Sink>(
     rasterize_on_screen(&points, &screen, faces, keep, camera, control, make)
 }
 
-/// As [`rasterize`], of points in `f64` as [`Camera::project`] gives them.
+/// Draws as [`rasterize`] does, from points in `f64` as [`Camera::project`] gives them.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
@@ -164,7 +164,8 @@ type Part = (u32, u32);
 
 /// Some polygons by tile.
 struct Parts {
-    /// Of those that lie in several tiles; those of one tile are set up there, which saves writing and reading them.
+    /// The rows of polygons that lie in several tiles; the rows of one tile's polygons are set up there, which saves
+    /// writing and reading them.
     rows: Vec<Rows<4>>,
     bins: Bins<Part>,
 }

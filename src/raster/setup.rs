@@ -85,7 +85,7 @@ pub struct Setup {
 pub struct Shape {
     /// Pixels in a row.
     pub columns: u32,
-    /// One bit for each of these.
+    /// Mask of the first row: a bit for each of its pixels.
     pub row: u8,
     /// The first pixel of each row.
     starts: u8,
@@ -267,7 +267,7 @@ pub(super) fn smaller(a: f64, b: f64) -> f64 {
 pub struct Bounds([i32; 4]);
 
 impl Bounds {
-    /// Of a point behind the near plane, where the image says nothing.
+    /// The bounds of a point behind the near plane, whose place in the image has no meaning.
     pub(super) const BEHIND: Bounds = Bounds([i32::MIN; 4]);
 
     /// Bounds of a vertex, as [`Camera::project`] gives it.
@@ -306,8 +306,8 @@ impl Bounds {
     }
 }
 
-/// Of `size` pixels, the first with its centre at `x` or after it (`size` if none) and the last with its
-/// centre at `x` or before (-1 if none).
+/// The first of `size` pixels with its centre at `x` or after it (`size` if none) and the last with its centre at `x`
+/// or before (-1 if none).
 #[inline(always)]
 fn centres(x: f64, size: u32) -> (i32, i32) {
     // What is not a number bounds nothing.
@@ -344,7 +344,7 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// Of a triangle whose vertices were projected to `points`.
+    /// The outline of a triangle whose vertices were projected to `points`.
     pub fn new(face: &[u32; 3], points: &[DVec3]) -> Self {
         let (polygon, count) = in_front(face, &face.map(|v| points[v as usize]));
         Outline {
@@ -400,7 +400,7 @@ pub fn clipped(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> [Option<Se
     clipped_corners(face, &face.map(|v| points[v as usize]), camera)
 }
 
-/// As [`clipped`], of a triangle's corners.
+/// The polygons of [`clipped`], from a triangle's corners.
 #[cold]
 pub(super) fn clipped_corners(
     face: &[u32; 3],

@@ -36,11 +36,11 @@ const MORE: u8 = 2;
 
 /// What is known of the pixels that a triangle covers.
 pub(super) enum Covered {
-    /// None.
+    /// The triangle covers no pixel.
     Nothing,
-    /// These. Their depth is known if it was asked for.
+    /// The triangle covers these pixels; their depth is there if it was asked for.
     Few(Pixels, Depth),
-    /// Perhaps some of those between a first and a last column and row.
+    /// The triangle covers perhaps some of the pixels between a first and a last column and row.
     Within([u32; 2], [u32; 2]),
     /// Nothing is known.
     Unknown,
@@ -94,7 +94,7 @@ pub(super) struct Block {
     /// Pixels, as they lie in the shape for their width.
     mask: Column<u16>,
     what: Column<u8>,
-    /// Of triangles of few pixels: their place in the columns that follow.
+    /// For triangles of few pixels, their place in the columns that follow.
     place: Column<u8>,
     /// Projected corners.
     corners: [[Column<f64>; 3]; 3],
@@ -237,8 +237,8 @@ fn at(from: [f64; 2], along: [f64; 2], p: [f64; 2]) -> (f64, f64) {
     (value, value.abs() - doubt)
 }
 
-/// Of `size` pixels, the first with its centre at `low` or after it and the last with its centre at `high` or before,
-/// as [`setup::Bounds`] has them.
+/// The first of `size` pixels with its centre at `low` or after it and the last with its centre at `high` or before, as
+/// [`setup::Bounds`] has them.
 #[inline(always)]
 fn centres(low: f64, high: f64, size: i32) -> (i32, i32) {
     let within = |x: f64| (x - 0.5).clamp(-1.0, f64::from(size));

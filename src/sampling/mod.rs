@@ -19,7 +19,7 @@
 //! - this file: [`Sampler`], a light with what all receivers share;
 //! - `pattern`: the points of the unit square, [`Pattern`];
 //! - `shapes`: the frame of a flat light, the cap of a sphere;
-//! - `fill`: from points of the square to light points and weights, sixteen at a time;
+//! - `fill`: the map from points of the square to light points and weights, sixteen points at once;
 //! - `samples`: the light points of one receiver, [`LightSamples`];
 //! - `shared`: the light points of a region of receivers, [`SharedPoint`];
 //! - `cells`: the grid of cells over the light's outline, as in a [`View`].

@@ -14,7 +14,7 @@ pub struct LightSamples {
     pub points: [Vec<Row>; 3],
     /// Irradiance from each sample at radiance 1; 0 where it is not valid.
     pub weights: Vec<Row>,
-    /// One bit a sample: above the tangent plane and emitting towards the receiver.
+    /// A bit for each sample: above the tangent plane and emitting towards the receiver.
     pub valid: Vec<u16>,
     /// Coordinates of each sample in [`View`](super::View)'s square, which here is [-1, 1]².
     pub(super) coordinates: [Vec<Row>; 2],

@@ -21,7 +21,7 @@ use crate::simd::LANES;
 pub struct SharedPoint {
     /// Where it is, moved off the light by [`POINT_OFFSET`].
     pub position: DVec3,
-    /// Where the light emits to there; zero for a sphere of size zero.
+    /// Direction in which the light emits there; zero for a sphere of size zero.
     pub normal: DVec3,
     /// The light's area that it stands for, times the number of points.
     pub area: f64,

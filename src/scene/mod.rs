@@ -182,7 +182,7 @@ impl Scene {
         Ok(self.current.clone().expect("set above"))
     }
 
-    /// As [`Scene::snapshot`], in the frame that `lights` want.
+    /// The snapshot of the entries ([`Scene::snapshot`]) in the frame that `lights` want.
     ///
     /// # Errors
     /// As of [`Scene::snapshot`], and a light that the scene is too large for.

@@ -122,8 +122,8 @@ impl Atlas {
         })
     }
 
-    /// The same with the textures of large polygons where shadows can fall, in a scene that is far larger
-    /// than what casts in it.
+    /// The same atlas with the textures of large polygons where shadows can fall, in a scene that is far larger than
+    /// what casts in it.
     pub fn fitted(mut self) -> Self {
         if !self.geometry.frame.is_core {
             return self;

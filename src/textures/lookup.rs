@@ -71,7 +71,7 @@ impl Mask {
 /// Where occluders pass through a texture, by the cells between four texels' centres.
 #[derive(Debug, Clone, Default)]
 pub struct Contacts {
-    /// In texels, from the centre of the first texel.
+    /// The contacts' lines, in texels from the first texel's centre.
     lines: Vec<[DVec2; 2]>,
     /// A cell and a line that passes through it, in order.
     cells: Vec<(u32, u32)>,

@@ -31,11 +31,11 @@ pub struct Occluders {
     pub points: Vec<DVec3>,
     /// Triangles that block everything.
     pub opaque: Vec<[u32; 3]>,
-    /// Those of closed bodies between the receiver and the light: the ones that face one way do for all.
+    /// Opaque triangles of closed bodies between the receiver and the light: the ones that face one way do for all.
     pub closed: Vec<[u32; 3]>,
     /// Triangles that let a part through, and that part.
     pub clear: Vec<([u32; 3], f32)>,
-    /// Where they pass through the receiver's plane.
+    /// Lines along which they pass through the receiver's plane.
     pub contacts: Vec<[DVec3; 2]>,
 }
 

@@ -50,7 +50,7 @@ pub struct Pictures<P> {
 }
 
 impl<P: Painter> Pictures<P> {
-    /// None is painted yet.
+    /// The pictures of `atlas`, of which none is painted yet.
     pub fn new(atlas: Atlas, painter: P) -> Self {
         Pictures {
             atlas,

@@ -2,7 +2,7 @@
 //!
 //! Herf and Heckbert 1996: for every light point the occluders are drawn black over the receiver's unshadowed
 //! shading, and the pictures are averaged. Here the occluders leave a bitmap a light point
-//! ([`crate::raster::coverage`]), and the texels that it leaves open add up, sixteen at a time:
+//! ([`crate::raster::coverage`]), and the texels that it leaves open add up, sixteen texels at once:
 //!
 //! - `seen`, the number of light points seen: the modulation texture;
 //! - `light`, the irradiance from them at radiance 1, every light point with its own cosines and distance:
@@ -68,9 +68,9 @@ pub struct Scene<'a> {
 #[derive(Clone, Copy)]
 struct Beam {
     position: Vec3,
-    /// Where a sphere emits to there.
+    /// Direction in which a sphere emits there.
     normal: Vec3,
-    /// Over the receiver's plane.
+    /// Height of the light point over the receiver's plane.
     height: f32,
     area: f32,
 }
@@ -88,7 +88,7 @@ struct Shadow {
 enum Kind {
     /// Each as much; they emit along one normal.
     Flat,
-    /// By the solid angle that they stand for.
+    /// Light points count by the solid angle that they stand for.
     Sphere,
     /// Each as much, to all sides.
     Point,
@@ -376,7 +376,7 @@ struct Grid {
     side: Side,
     size: [u32; 2],
     kind: Kind,
-    /// Where a flat light emits to.
+    /// Direction in which a flat light emits.
     normal: Vec3,
     radiance: bool,
 }

@@ -205,7 +205,7 @@ impl Surface {
         beside(0) || beside(1)
     }
 
-    /// One piece for all; none where they fill less than can be told.
+    /// One piece for all of them; none where they fill less than can be told.
     fn plane(&self, bits: u32) -> Option<Plane> {
         let part = self.part(bits)?;
         let each = 1.0 / self.count;

@@ -63,12 +63,12 @@ impl Piece {
 /// The part of a texel that a piece fills, in quarters: left, right, upper and lower side.
 pub type Part = [u32; 4];
 
-/// All of a texel.
+/// The part that is all of a texel.
 pub const WHOLE: Part = [0, 4, 0, 4];
 
-/// Of the 32 bits of a slope and a part, from the highest: two slopes, eight bits each, as multiples of a power of
-/// two; that power, eight bits; two bits for each side, by how many quarters it is moved in. The steeper slope is
-/// right to 0.4 % of the depth that it adds within a texel.
+/// A slope and a part in 32 bits, from the highest: two slopes, eight bits each, as multiples of a power of two; that
+/// power, eight bits; two bits for each side, by how many quarters it is moved in. The steeper slope is right to 0.4 %
+/// of the depth that it adds within a texel.
 fn packed(slope: [f32; 2], part: Part) -> u32 {
     let steepest = slope[0].abs().max(slope[1].abs());
     let (mut whole, mut power) = ([0.0; 2], 0);
@@ -262,7 +262,7 @@ pub struct Level {
     pub blocks: Vec<Block>,
     /// What they let through, four for each block; empty where all are opaque.
     pub media: Vec<[Medium; 4]>,
-    /// Of each 2×2 texels, row by row, what they hold: see [`Quad`].
+    /// What each 2×2 texels hold, row by row: see [`Quad`].
     pub quads: Vec<Quad>,
 }
 
@@ -294,7 +294,7 @@ pub struct LayerMap {
     pub view: LayerView,
     /// Layers of a texel.
     pub layers: usize,
-    /// From full resolution, each half as fine as the one before, to a single texel.
+    /// The levels from full resolution, each half as fine as the one before, to a single texel.
     pub levels: Vec<Level>,
 }
 

@@ -23,7 +23,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Of nothing.
+    /// The bounds of no node at all.
     pub const NONE: Bounds = Bounds {
         low: f32::MAX,
         high: -1.0,
@@ -36,7 +36,7 @@ impl Bounds {
         self.low <= self.high
     }
 
-    /// Of four nodes of a size, but for what covers them.
+    /// The bounds of four nodes of one size, without what covers them.
     pub fn of(nodes: &[Bounds; 4], size: f32) -> Self {
         let some = || nodes.iter().filter(|n| n.is_some());
         let mut all = Bounds::NONE;
@@ -108,10 +108,10 @@ pub struct Quad {
     cover_high: [u8; 4],
 }
 
-/// In place of a cover: there is none.
+/// Stands in place of a cover: there is no cover.
 const OPEN: u8 = 255;
 
-/// In place of a cover: there is none, and an outline passes through the node.
+/// Stands in place of a cover: there is no cover, and an outline passes through the node.
 const OUTLINE: u8 = 254;
 
 /// Parts of a range in which planes are kept. On the part of a surface that is a hundredth of its depth deep they are as

@@ -157,7 +157,7 @@ fn siblings(nodes: &[Node], width: usize, height: usize, x: usize, y: usize) -> 
     [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| child(nodes, width, height, 2 * x + i, 2 * y + j))
 }
 
-/// Of nodes, by their grandparents: outlines pass where at most so many borders are ends.
+/// The quads of nodes, by their grandparents: outlines pass where at most so many borders are ends.
 fn quads(
     nodes: &[Node],
     grandparents: &[Node],

@@ -76,7 +76,7 @@ pub struct LightViews {
 /// The views of a local light, `resolution` texels on the longer side of each.
 ///
 /// # Errors
-/// None for a light and a scene that were checked; those of [`Camera::new`] otherwise.
+/// No error for a light and a scene that were checked; the errors of [`Camera::new`] otherwise.
 pub fn light_views(light: &Light, casters: &Casters, resolution: u32) -> Result<LightViews> {
     // What lies in a flat light's plane, but for rounding, is behind it, as it is for light samples.
     let light = &light.lifted();

@@ -49,7 +49,7 @@ pub struct Settings {
     pub layers: u32,
     /// Light samples a receiver.
     pub samples: u32,
-    /// Of the light samples.
+    /// Seed of the light samples.
     pub seed: u64,
     /// Which depth stands for all blockers.
     pub estimate: Estimate,

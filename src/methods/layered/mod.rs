@@ -123,7 +123,7 @@ impl Layered {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// One out of its range.
+    /// [`Error::Parameter`] for a parameter that is out of its range.
     pub fn new(kind: Kind, settings: Settings) -> Result<Self> {
         let what = kind.class();
         in_range(
@@ -196,7 +196,7 @@ impl Layered {
     /// Ready to answer for one local light through maps that a user gives, instead of a scene's.
     ///
     /// # Errors
-    /// Those of [`Given::map`], or [`Error::Cancelled`].
+    /// The errors of [`Given::map`], or [`Error::Cancelled`].
     pub fn through(
         &self,
         light: Light,
@@ -242,7 +242,8 @@ struct FlatTargets {
 }
 
 impl FlatTargets {
-    /// Of the only map of a group; nothing if its samples differ in depth.
+    /// Targets in the only map of a group; `None` if there are several maps, or if the light's samples differ in depth
+    /// there.
     fn new(sampler: &Sampler, maps: &[LayerMap]) -> Option<Self> {
         let (light, [map]) = (sampler.light(), maps) else {
             return None;
@@ -286,7 +287,7 @@ struct LightMaps {
     light: Light,
     sampler: Sampler,
     groups: Vec<Vec<LayerMap>>,
-    /// Of every group, if it has them.
+    /// For every group of maps, its flat targets, if the light's samples have one depth in it.
     flat: Vec<Option<FlatTargets>>,
     transparent: bool,
 }

@@ -89,7 +89,7 @@ pub struct Pencil<'a> {
     pub start: DVec3,
     /// Slopes of the samples across columns: the least, and the largest less the least.
     pub columns: [f32; 2],
-    /// The same across rows.
+    /// Slopes of the samples across rows: the least, and the largest less the least.
     pub rows: [f32; 2],
     /// The samples by their slopes; without, all samples count as hidden by whatever lies among the slopes.
     pub axes: Option<[&'a Axis; 2]>,
@@ -109,7 +109,7 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Of the samples in `open` everything is seen.
+    /// The state before a walk: the samples in `open` are seen in full.
     pub fn new(open: Mask) -> Self {
         Seen {
             open,
@@ -142,11 +142,11 @@ pub struct Siblings {
     /// Place of their parent.
     x: u32,
     y: u32,
-    /// For so many levels above they answer, too.
+    /// Number of coarser levels that these four nodes answer for as well, as at an outline.
     finer: u32,
 }
 
-/// Where a walk has still to go.
+/// The nodes that a walk has still to look at.
 pub type Stack = Vec<Siblings>;
 
 /// Removes from `seen` what the map hides of a pencil's samples.
@@ -168,7 +168,7 @@ struct Walk<'a> {
     /// Whole and fractional part of the receiver's column and row.
     place: [f64; 2],
     w: f32,
-    /// From slopes to bins: factors and offsets, of four left, right, upper and lower sides.
+    /// The map from slopes to bins: factors and offsets, of four left, right, upper and lower sides.
     scale: Row,
     offset: Row,
     /// Depth over the receiver up to which the finest level answers.
@@ -176,7 +176,7 @@ struct Walk<'a> {
     has_plane: bool,
 }
 
-/// For four left, right, upper and lower sides: one step outward.
+/// Directions in which the left, right, upper and lower sides of four rectangles move outward.
 const OUTWARD: Row = four_sides([-1.0, 1.0, -1.0, 1.0]);
 
 /// The lanes of left and upper sides.
@@ -198,7 +198,7 @@ const fn four_sides(values: [f32; 4]) -> Row {
 struct Bins(Row);
 
 impl Bins {
-    /// From coordinates: the nearest whole numbers within a table's range.
+    /// The bins of coordinates: the nearest whole numbers within a table's range.
     #[inline(always)]
     fn new<S: Simd>(x: f32x16<S>) -> Self {
         let mut bins = Row::default();
@@ -728,7 +728,7 @@ struct Four {
     size: f32,
     /// Depths over the receiver that this level answers for.
     band: [f32; 2],
-    /// That of the light.
+    /// Depth of the light over the receiver, at which segments end.
     end: f32,
     /// Least and largest of what each node holds.
     range: [Vec4; 2],
@@ -756,7 +756,7 @@ impl Four {
     }
 }
 
-/// Of 64 samples, so many are attenuated one by one.
+/// Up to this many of 64 samples are attenuated one by one; more go through lanes.
 const FEW: u32 = 8;
 
 /// By how much the middle of a part of a texel may be off, in texels: its sides are rounded to quarters.

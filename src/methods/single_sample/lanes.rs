@@ -1,7 +1,7 @@
 //! Views of sixteen receivers, as rows for the searches.
 //!
-//! The same numbers as in [`View`], found sixteen at a time in `f32`. That is enough: what they are multiplied
-//! with is measured from the ray. A light that is low over a receiver's horizon is set up by [`View`]
+//! The same numbers as in [`View`], found in `f32` for sixteen receivers at once. That is enough: what they are
+//! multiplied with is measured from the ray. A light that is low over a receiver's horizon is set up by [`View`]
 //! itself, and so is what a search wants in `f64`, when it does.
 
 use std::cell::OnceCell;

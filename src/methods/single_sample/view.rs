@@ -58,7 +58,7 @@ impl Default for Kind {
 }
 
 impl Outline {
-    /// Of a local light that is not a point; `target` is where shadow rays to its centre end.
+    /// The shape of a local light that is not a point; `target` is where shadow rays to its centre end.
     pub(super) fn new(light: &Light, target: Vec3) -> Self {
         let target = target.as_dvec3();
         match light.shape {
@@ -107,7 +107,7 @@ pub(super) struct View {
     /// End of the shadow ray: the light's centre, or the nearest place on the light's plane that is
     /// [`STRIP`] above the tangent plane.
     pub(super) target: Vec3,
-    /// From start to end.
+    /// The shadow ray, from start to end.
     pub(super) ray: DVec3,
     /// The functionals of `X`, `Y` and `W`.
     pub(super) x: DVec3,
@@ -132,7 +132,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// From a receiver with this start of its rays and this normal.
+    /// The view from a receiver with this start of its rays and this normal.
     pub(super) fn new(outline: &Outline, origin: Vec3, normal: DVec3) -> Self {
         let o = origin.as_dvec3();
         let mut l = outline.target - o;

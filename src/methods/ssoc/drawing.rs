@@ -71,7 +71,7 @@ impl Drawing {
         Drawing::join(of_lines.chain(of_joints).chain(of_loose).collect(), view)
     }
 
-    /// One drawing of several, whose faces come in their order.
+    /// Joins several drawings into one; the faces keep the drawings' order.
     fn join(parts: Vec<Drawing>, view: &View) -> Self {
         let sum = |len: fn(&Drawing) -> usize| parts.iter().map(len).sum();
         let count = sum(|part| part.faces.len());

@@ -30,7 +30,7 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// Those of a view's maps.
+    /// The cells of a view's maps.
     pub(super) fn new(maps: &Maps) -> Self {
         let (width, height) = (maps.view.camera.width, maps.view.camera.height);
         let across = width.div_ceil(CELL);
@@ -83,7 +83,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// That of a group of receivers, if they are one and have a tangent plane.
+    /// The block of a group of receivers, if the group is whole, lies on one triangle, and has a tangent plane.
     pub(super) fn new(receivers: &Receivers, group: &Range<usize>) -> Option<Self> {
         let (&first, rest) = receivers.faces.get(group.clone())?.split_first()?;
         let whole = group.len() == GROUP && first != NONE && rest.iter().all(|&f| f == first);

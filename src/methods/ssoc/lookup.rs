@@ -436,7 +436,7 @@ pub(super) struct Penumbra {
     x: f64,
     /// Half-width in texels.
     pub w: f64,
-    /// Half-width at an inverse depth of 1 before the receiver.
+    /// Half-width (texels) of the penumbra for each unit of inverse depth between edge and receiver.
     scale: f64,
     /// Whether the edge is before the receiver at all.
     before: bool,
@@ -447,7 +447,8 @@ pub(super) struct Penumbra {
     pub visible: f64,
     pub normal: DVec2,
     point: DVec2,
-    /// Of [`Maps::corners`], those at its start and its end that the visibility takes into account, or [`NONE`].
+    /// Numbers in [`Maps::corners`] of the corners at its start and its end that the visibility takes into account, or
+    /// [`NONE`].
     pub corners: [u32; 2],
 }
 

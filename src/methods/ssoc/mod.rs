@@ -54,7 +54,7 @@ use maps::Maps;
 /// which are as large again with a distance a side.
 const TEXEL_BYTES: usize = 20 + 36;
 
-/// Those of the reference image.
+/// Bytes of a texel of the reference image (`distorted=True`).
 const SEEN_BYTES: usize = size_of::<maps::Seen>();
 
 /// Parameters of the soft shadow occlusion camera.
@@ -144,7 +144,7 @@ struct PreparedSsoc {
     casters: Casters,
     lights: Vec<Light>,
     maps: Vec<Vec<Maps>>,
-    /// Those of each map, of lights that are no points.
+    /// For each light with a size, the cells of each of its maps.
     cells: Vec<Vec<Cells>>,
     method: Ssoc,
     seconds: Vec<(&'static str, f64)>,

@@ -14,7 +14,7 @@ pub struct Block {
     pub(super) position: [[Row; 2]; 3],
     /// Local positions, for the side of a plane that a receiver is on.
     exact: [[f64; LANES]; 3],
-    /// From directions to homogeneous coordinates on the light, by rows.
+    /// The map from directions to homogeneous coordinates on the light, by rows.
     matrix: [[Row; 3]; 3],
     /// What the last row gives at the light's centre: silhouettes farther away do not occlude.
     pub(super) far: Row,
@@ -73,11 +73,11 @@ pub enum LightFrame {
     Flat {
         /// Centre.
         center: DVec3,
-        /// From a point to its first coordinate.
+        /// The vector that gives a point's first coordinate.
         u: DVec3,
-        /// To its second.
+        /// The vector that gives its second.
         v: DVec3,
-        /// To its distance from the light's plane.
+        /// The vector that gives its distance from the light's plane.
         n: DVec3,
         /// Whether it is a rectangle.
         square: bool,
@@ -85,7 +85,7 @@ pub enum LightFrame {
 }
 
 impl LightFrame {
-    /// Of a light with a width.
+    /// The light's own coordinates, for a light that has a width.
     pub fn new(light: &Light) -> Self {
         match light.shape {
             Shape::Sphere(Sphere { center, radius }) => LightFrame::Sphere { center, radius },

@@ -23,7 +23,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// From unit normals and points on the planes; `None` bounds nothing.
+    /// Bounds from unit normals and points on the planes; `None` bounds nothing.
     pub fn new(planes: [Option<(DVec3, DVec3)>; 4]) -> Self {
         let mut out = Bounds {
             normal: [Vec3::ZERO; 4],
@@ -38,7 +38,7 @@ impl Bounds {
         out
     }
 
-    /// Of a wedge between planes.
+    /// Bounds of a wedge that lies between planes.
     pub fn of_wedge(wedge: &planes::Wedge) -> Self {
         let plane = |n: DVec3, p: &planes::Plane| Some((n, p.offset * p.normal));
         let [start, end] = &wedge.sides;
@@ -58,7 +58,7 @@ impl Bounds {
 pub struct Extent {
     /// Its middle.
     pub center: Vec3,
-    /// From the middle to its faces.
+    /// Distances from the middle to its faces.
     pub half: Vec3,
 }
 
@@ -150,7 +150,7 @@ impl BoundsList {
         out
     }
 
-    /// Those from place `range.start` to `range.end`.
+    /// Writes to `out` the bounds at the places in `range`.
     pub fn part(&self, range: Range<usize>, out: &mut Part) {
         out.0.clear();
         let (first, last) = (range.start / LANES, range.end.div_ceil(LANES));
@@ -166,7 +166,7 @@ impl BoundsList {
         }
     }
 
-    /// Those of a part that a box meets, or all of it.
+    /// Writes to `out` the bounds of `part` that meet the box `extent`; all of them without a box.
     pub fn meeting(&self, part: &Part, extent: Option<&Extent>, out: &mut Part) {
         out.0.clear();
         let (rows, crossing) = (&self.rows[..], self.crossing);
@@ -190,12 +190,12 @@ impl BoundsList {
 pub struct Part(Vec<(u32, u16)>);
 
 impl Part {
-    /// Whether it is none.
+    /// Whether it holds no bounds.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// How many they are.
+    /// Number of bounds in this part.
     pub fn len(&self) -> usize {
         self.0
             .iter()

@@ -29,7 +29,7 @@ const PIXELS: usize = (TILE * TILE) as usize + SPAN;
 
 /// What happens to receivers inside a wedge.
 pub enum Interior {
-    /// Nothing: hard shadows.
+    /// The layers are left as they are: hard shadows.
     None,
     /// The light's area is cut by the edges ([`area`]).
     Area(LightFrame, Vec<AreaEdge>),

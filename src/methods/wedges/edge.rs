@@ -16,7 +16,7 @@ pub(super) struct Split {
 }
 
 impl Split {
-    /// Of a local position.
+    /// Splits a local position into two `f32` parts.
     pub(super) fn new(p: [f64; 3]) -> Self {
         let high = p.map(|x| x as f32);
         Split {
@@ -38,7 +38,7 @@ impl Split {
 #[derive(Debug, Clone, Copy)]
 pub struct AreaEdge {
     pub(super) ends: [Split; 2],
-    /// From the first to the second.
+    /// The vector from the first end to the second.
     pub(super) vector: [f32; 3],
     pub(super) normal: [f64; 3],
     pub(super) offset: f64,

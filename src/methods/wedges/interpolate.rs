@@ -49,8 +49,8 @@ pub struct Wedge {
     along: [f32; 2],
     layers: [f32; 2],
     falloff: Falloff,
-    /// For the `Line` falloff of a rectangle: which part of its width the shorter side makes up, seen along
-    /// the edge, at most 1/2; negative for a disk.
+    /// The part of a rectangle's width that its shorter side makes up, for the `Line` falloff, seen along the edge, at
+    /// most 1/2; negative for a disk.
     part: f32,
 }
 

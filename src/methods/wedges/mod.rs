@@ -63,7 +63,7 @@ pub enum Falloff {
     Light,
     /// Interpolated between planes.
     Planes(interpolate::Falloff),
-    /// As so many quads of constant intensity.
+    /// The wedge is drawn as this many quads, each of constant intensity (the paper's Figure 15).
     Fan(usize),
 }
 
@@ -192,7 +192,7 @@ impl Method for ShadowVolume {
 /// The wedges of one light.
 struct Cast {
     light: Light,
-    /// One list a quad of the fan; otherwise one.
+    /// The sides of the volumes that are drawn: `fan` quads for every edge.
     quads: Vec<Quad>,
     /// Quads that stand for one edge.
     fan: usize,

@@ -72,10 +72,10 @@ impl Quad {
 /// From which end of the view ray layers are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Counting {
-    /// From the eye, starting with the layers over it; from infinity where the eye is on a volume's side or
-    /// on a triangle.
+    /// Layers are counted from the eye, starting with the layers over it; from infinity where the eye is on a volume's
+    /// side or on a triangle.
     ZPass,
-    /// From infinity, the volumes closed by caps.
+    /// Layers are counted from infinity, the volumes closed by caps.
     ZFail,
 }
 
