@@ -31,7 +31,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
-use crate::light::{Light, Sphere};
+use crate::light::{Light, SphereLight};
 use crate::method::{Method, Prepared, Shading};
 use crate::raster::nearest::NONE;
 use crate::receivers::Receivers;
@@ -153,7 +153,7 @@ impl Moved {
         let distance = center.length();
         // What of the light keeps its directions: a flat light's middle, the outline of a sphere.
         let (towards, height, outline) = match light.as_sphere() {
-            Some(Sphere { radius, .. }) => {
+            Some(SphereLight { radius, .. }) => {
                 let sin = radius / distance;
                 (
                     center / distance,

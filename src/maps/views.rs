@@ -22,7 +22,7 @@ use crate::casters::behind::{chunks, with_nothing_behind};
 use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::light::reach::Outline;
+use crate::light::reach::LightOutline;
 
 /// Largest tangent of the angle off a single view's axis: beyond it a texel in the middle sees ten times the
 /// solid angle per texel that one at the border does, and a cube's faces are better.
@@ -45,7 +45,7 @@ pub struct View {
     /// Its reciprocal.
     pub texel_size: f64,
     /// The light as seen along this view.
-    pub outline: Outline,
+    pub outline: LightOutline,
     /// Inverse depth of the farthest surface in the scene.
     pub inverse_far: f64,
     /// The only triangles that it holds, if not all that cast.
@@ -300,7 +300,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
         .map(|p| (p.as_dvec3() - eye).length_squared())
         .reduce(|| 0.0, f64::max)
         .sqrt();
-    let widest = Outline::new(light, rotation).widest();
+    let widest = LightOutline::new(light, rotation).widest();
     let margin = |near: f64| (widest * (1.0 / near - 1.0 / far).max(0.0)).min(MARGIN);
     let make = |resolution: u32, rotation: DMat3, low: DVec2, high: DVec2, only| -> Result<View> {
         let size = high - low;
@@ -318,7 +318,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
             camera: Camera::new(k, rotation.transpose(), eye, w, h)?,
             focal,
             texel_size: 1.0 / focal,
-            outline: Outline::new(light, rotation),
+            outline: LightOutline::new(light, rotation),
             inverse_far: 1.0 / far,
             only,
         })

@@ -9,7 +9,7 @@
 use glam::DVec3;
 
 use super::Tile;
-use super::setup::{self, Bounds, EdgeFunction, NEAR, smaller};
+use super::setup::{self, EdgeFunction, NEAR, PixelBounds, smaller};
 use crate::camera::Camera;
 
 /// A point with its place in the image.
@@ -19,7 +19,7 @@ pub struct Projected {
     point: DVec3,
     /// The point's place in the image, in pixels; without meaning where it is behind the near plane.
     screen: [f64; 2],
-    bounds: Bounds,
+    bounds: PixelBounds,
 }
 
 impl Projected {
@@ -29,7 +29,7 @@ impl Projected {
         let point = camera.project(p);
         if point.z >= NEAR {
             let screen = [point.x / point.z, point.y / point.z];
-            let bounds = Bounds::of_point(screen, camera);
+            let bounds = PixelBounds::of_point(screen, camera);
             return Projected {
                 point,
                 screen,
@@ -39,7 +39,7 @@ impl Projected {
         Projected {
             point,
             screen: [0.0; 2],
-            bounds: Bounds::BEHIND,
+            bounds: PixelBounds::BEHIND,
         }
     }
 }
@@ -151,7 +151,7 @@ pub fn triangle([a, b, c]: [u32; 3]) -> Quadrilateral {
 
 /// First and last column and row of the pixels that a face before the near plane can cover; `None` if there are none,
 /// or if it reaches behind.
-pub(super) fn within(face: &Quadrilateral, bounds: &[Bounds]) -> Option<([u32; 2], [u32; 2])> {
+pub(super) fn within(face: &Quadrilateral, bounds: &[PixelBounds]) -> Option<([u32; 2], [u32; 2])> {
     let [a, b, c, d] = face.map(|v| bounds[v as usize]);
     let all = a.and(b).and(c).and(d);
     if all.is_behind() { None } else { all.pixels() }
@@ -162,7 +162,7 @@ impl Rows<4> {
     pub(super) fn each(
         face: &Quadrilateral,
         points: &[DVec3],
-        bounds: &[Bounds],
+        bounds: &[PixelBounds],
         camera: &Camera,
         mut part: impl FnMut(Self),
     ) {

@@ -13,7 +13,7 @@ use glam::DVec3;
 use super::fill::coordinates;
 use super::{LightSamples, Sampler};
 use crate::frame::POINT_OFFSET;
-use crate::light::Sphere;
+use crate::light::SphereLight;
 use crate::simd::LANES;
 
 /// A light point in local coordinates.
@@ -49,8 +49,8 @@ impl Sampler {
         (0..self.len()).map(point).collect()
     }
 
-    fn shared_on(&self, sphere: Sphere, corners: &[DVec3]) -> Vec<SharedPoint> {
-        let Sphere { center, radius } = sphere;
+    fn shared_on(&self, sphere: SphereLight, corners: &[DVec3]) -> Vec<SharedPoint> {
+        let SphereLight { center, radius } = sphere;
         if radius == 0.0 {
             let point = SharedPoint {
                 position: center,

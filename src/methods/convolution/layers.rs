@@ -17,7 +17,7 @@ use super::kernel::Spread;
 use crate::control::Control;
 use crate::error::Result;
 use crate::raster::{SPAN, Sink, Tile, rasterize_projected};
-use crate::textures::occluders::{Occluders, Side};
+use crate::textures::occluders::{PatchOccluders, Side};
 use crate::textures::patches::Parallelogram;
 use crate::textures::transform::camera;
 
@@ -131,7 +131,7 @@ impl HardShadow {
     /// # Errors
     /// [`crate::error::Error::Cancelled`].
     pub fn new(
-        occluders: &Occluders,
+        occluders: &PatchOccluders,
         side: &Side,
         eye: glam::DVec3,
         window: &Window,

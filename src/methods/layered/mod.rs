@@ -31,7 +31,7 @@ use crate::control::Control;
 use crate::error::{Result, in_range};
 use crate::far::REACH;
 use crate::frame::Frame;
-use crate::light::{Light, Sphere};
+use crate::light::{Light, SphereLight};
 use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::map::LayerMap;
@@ -43,7 +43,7 @@ use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{LightSamples, Pattern, Sampler};
 use given::Given;
 use masks::{Axis, BLOCK, Mask, spread};
-use tracing::{Pencil, Seen, Stack, Tracing, trace};
+use tracing::{Pencil, SampleVisibility, Stack, Tracing, trace};
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.
@@ -51,7 +51,7 @@ const CHOICE: usize = 2;
 
 /// Which of the paper's maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum LayerKind {
     /// One layer.
     Single,
     /// Several opaque layers.
@@ -60,22 +60,22 @@ pub enum Kind {
     Transparent,
 }
 
-impl Kind {
+impl LayerKind {
     /// The name that users call the method by.
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Single => "slsm",
-            Kind::Multi => "mlsm",
-            Kind::Transparent => "mtsm",
+            LayerKind::Single => "slsm",
+            LayerKind::Multi => "mlsm",
+            LayerKind::Transparent => "mtsm",
         }
     }
 
     /// The name of its Python class.
     pub fn class(self) -> &'static str {
         match self {
-            Kind::Single => "Slsm",
-            Kind::Multi => "Mlsm",
-            Kind::Transparent => "Mtsm",
+            LayerKind::Single => "Slsm",
+            LayerKind::Multi => "Mlsm",
+            LayerKind::Transparent => "Mtsm",
         }
     }
 }
@@ -85,7 +85,7 @@ const MOST_RESETS: u32 = 64;
 
 /// What layered maps are built and traced with; lengths in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub struct LayeredSettings {
     /// Texels on the longer side of a map; from the number of triangles if not given.
     pub resolution: Option<u32>,
     /// Layers of a texel; from the scene's depth complexity if not given.
@@ -115,8 +115,8 @@ pub struct Settings {
 /// A layered shadow map method with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layered {
-    kind: Kind,
-    settings: Settings,
+    kind: LayerKind,
+    settings: LayeredSettings,
 }
 
 impl Layered {
@@ -124,7 +124,7 @@ impl Layered {
     ///
     /// # Errors
     /// [`Error::Parameter`] for a parameter that is out of its range.
-    pub fn new(kind: Kind, settings: Settings) -> Result<Self> {
+    pub fn new(kind: LayerKind, settings: LayeredSettings) -> Result<Self> {
         let what = kind.class();
         in_range(
             what,
@@ -155,7 +155,7 @@ impl Layered {
 
     /// Whether meshes that let light through are no error.
     pub fn takes_transparent(&self) -> bool {
-        self.settings.opaque || self.kind == Kind::Transparent
+        self.settings.opaque || self.kind == LayerKind::Transparent
     }
 
     /// The maps of a local light.
@@ -173,7 +173,7 @@ impl Layered {
             .resolution
             .unwrap_or_else(|| choose::resolution(casters));
         let count = match (self.kind, settings.layers) {
-            (Kind::Single, _) => 1,
+            (LayerKind::Single, _) => 1,
             (_, Some(layers)) => layers as usize,
             (_, None) => choose::layers(light, casters, control)?,
         };
@@ -185,7 +185,7 @@ impl Layered {
                 threshold: settings.threshold as f32,
                 resets: settings.resets as usize,
             },
-            opaque: settings.opaque || self.kind != Kind::Transparent,
+            opaque: settings.opaque || self.kind != LayerKind::Transparent,
         };
         let views = light_views(light, casters, resolution)?;
         let draw = |view| layer_map(view, casters, &layers, control);
@@ -209,7 +209,7 @@ impl Layered {
         let group = |maps: &Vec<Given>| maps.iter().map(make).collect();
         let groups = groups.iter().map(group).collect::<Result<_>>()?;
         Ok(PreparedLayered {
-            lights: vec![LightMaps::new(self.sampler(light), groups)],
+            lights: vec![LayeredLight::new(self.sampler(light), groups)],
             tracing: self.tracing(frame),
             seconds: Vec::new(),
         })
@@ -283,7 +283,7 @@ impl FlatTargets {
 /// points apart in depth by as little as rounding does.
 const ALONG: f64 = f32::EPSILON as f64;
 
-struct LightMaps {
+struct LayeredLight {
     light: Light,
     sampler: Sampler,
     groups: Vec<Vec<LayerMap>>,
@@ -293,7 +293,7 @@ struct LightMaps {
 }
 
 struct PreparedLayered {
-    lights: Vec<LightMaps>,
+    lights: Vec<LayeredLight>,
     tracing: Tracing,
     seconds: Vec<(&'static str, f64)>,
 }
@@ -319,7 +319,7 @@ impl Method for Layered {
         let mut found = Vec::with_capacity(lights.len());
         for light in lights {
             let groups = self.maps(&casters, light, control)?;
-            found.push(LightMaps::new(self.sampler(*light), groups));
+            found.push(LayeredLight::new(self.sampler(*light), groups));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
@@ -338,10 +338,10 @@ struct Scratch {
     slopes: [Vec<f32>; 2],
 }
 
-impl LightMaps {
+impl LayeredLight {
     fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>) -> Self {
         let flat = groups.iter().map(|maps| FlatTargets::new(&sampler, maps));
-        LightMaps {
+        LayeredLight {
             light: *sampler.light(),
             flat: flat.collect(),
             transparent: groups.iter().flatten().any(LayerMap::is_transparent),
@@ -377,7 +377,7 @@ impl LightMaps {
             if valid.is_empty() {
                 continue;
             }
-            let mut seen = Seen::new(valid);
+            let mut seen = SampleVisibility::new(valid);
             for (g, maps) in self.groups.iter().enumerate() {
                 let cameras = maps.iter().map(|m| &m.view.camera);
                 let map = &maps[most_central(cameras, self.light.center(), p)];
@@ -398,7 +398,7 @@ impl LightMaps {
     /// are others for every receiver, and most receivers are lit.
     fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
         let center = self.light.center();
-        let Some(Sphere { radius, .. }) = self.light.as_sphere() else {
+        let Some(SphereLight { radius, .. }) = self.light.as_sphere() else {
             return true;
         };
         if (p - center).length() <= radius {
@@ -439,7 +439,7 @@ impl LightMaps {
                 end: high.z as f32,
                 plane: tangent_plane(map, p, n),
             };
-            let mut seen = Seen::new(Mask::first(1));
+            let mut seen = SampleVisibility::new(Mask::first(1));
             trace(map, tracing, &pencil, &mut seen, stack);
             seen.open.is_empty()
         })
@@ -454,7 +454,7 @@ impl LightMaps {
         p: DVec3,
         n: DVec3,
         tracing: &Tracing,
-        seen: &mut Seen,
+        seen: &mut SampleVisibility,
         s: &mut Scratch,
     ) {
         let start = map.view.project(p);
@@ -487,7 +487,7 @@ impl LightMaps {
         p: DVec3,
         n: DVec3,
         tracing: &Tracing,
-        seen: &mut Seen,
+        seen: &mut SampleVisibility,
         s: &mut Scratch,
     ) {
         let start = map.view.project(p);
@@ -534,7 +534,7 @@ impl LightMaps {
             end: (0.5 * (nearest + farthest)) as f32,
             plane: tangent_plane(map, p, n),
         };
-        let mut traced = Seen {
+        let mut traced = SampleVisibility {
             open: valid,
             through: seen.through,
         };

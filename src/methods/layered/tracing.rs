@@ -101,17 +101,17 @@ pub struct Pencil<'a> {
 }
 
 /// The samples of a pencil, and what reaches them.
-pub struct Seen {
+pub struct SampleVisibility {
     /// Samples that are not hidden.
     pub open: Mask,
     /// Transmittance of each, in a transparent map.
     pub through: [Row; BINS / LANES],
 }
 
-impl Seen {
+impl SampleVisibility {
     /// The state before a walk: the samples in `open` are seen in full.
     pub fn new(open: Mask) -> Self {
-        Seen {
+        SampleVisibility {
             open,
             through: [Row([1.0; LANES]); BINS / LANES],
         }
@@ -154,7 +154,7 @@ pub fn trace(
     map: &LayerMap,
     how: &Tracing,
     pencil: &Pencil<'_>,
-    seen: &mut Seen,
+    seen: &mut SampleVisibility,
     stack: &mut Stack,
 ) {
     dispatch!(detect(), simd => trace_lanes(simd, map, how, pencil, seen, stack));
@@ -221,7 +221,7 @@ fn trace_lanes<S: Simd>(
     map: &LayerMap,
     how: &Tracing,
     pencil: &Pencil<'_>,
-    seen: &mut Seen,
+    seen: &mut SampleVisibility,
     stack: &mut Stack,
 ) {
     let [(low_u, extent_u), (low_v, extent_v)] =
@@ -314,7 +314,7 @@ impl Walk<'_> {
         siblings: Siblings,
         top: bool,
         transparent: bool,
-        seen: &mut Seen,
+        seen: &mut SampleVisibility,
         stack: &mut Stack,
     ) {
         let Siblings { level, x, y, finer } = siblings;
@@ -491,7 +491,7 @@ impl Walk<'_> {
         leaves: u32,
         four: &Four,
         transparent: bool,
-        seen: &mut Seen,
+        seen: &mut SampleVisibility,
     ) {
         let k = self.map.layers;
         let w = Vec4::splat(self.w);
@@ -680,7 +680,7 @@ impl Walk<'_> {
     }
 
     #[inline(always)]
-    fn attenuate<S: Simd>(&self, simd: S, met: Mask, through: f32, seen: &mut Seen) {
+    fn attenuate<S: Simd>(&self, simd: S, met: Mask, through: f32, seen: &mut SampleVisibility) {
         if (through == 0.0 && !self.how.subtract) || self.pencil.axes.is_none() {
             seen.open = seen.open.without(met);
             return;

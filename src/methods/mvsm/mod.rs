@@ -38,7 +38,7 @@ use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{LightSamples, Pattern, Sampler};
 use crate::simd::LANES;
-use trace::{Blocker, Parts, Tracer};
+use trace::{Blocker, Intervals, Tracer};
 
 /// Most views: the centre, corners, and the middles between them.
 pub const MOST_VIEWS: u32 = 9;
@@ -328,12 +328,12 @@ fn blocker(
 ) -> Option<Blocker> {
     let groups = views.groups.iter().map(Vec::len).max().unwrap_or(0);
     for group in 0..groups {
-        let mut left = Parts::one(start, 1.0);
+        let mut left = Intervals::one(start, 1.0);
         for view in &views.groups {
             let Some(maps) = view.get(group) else {
                 continue;
             };
-            let mut hidden = Parts::default();
+            let mut hidden = Intervals::default();
             for map in maps.clone() {
                 let (tracer, (from, nearest)) = (&tracers[map], places[map]);
                 if nearest == 0.0 {

@@ -1,7 +1,7 @@
 //! Views of sixteen receivers, as rows for the searches.
 //!
-//! The same numbers as in [`View`], found in `f32` for sixteen receivers at once. That is enough: what they are
-//! multiplied with is measured from the ray. A light that is low over a receiver's horizon is set up by [`View`]
+//! The same numbers as in [`ReceiverView`], found in `f32` for sixteen receivers at once. That is enough: what they are
+//! multiplied with is measured from the ray. A light that is low over a receiver's horizon is set up by [`ReceiverView`]
 //! itself, and so is what a search wants in `f64`, when it does.
 
 use std::cell::OnceCell;
@@ -9,7 +9,7 @@ use std::cell::OnceCell;
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{DVec3, Vec3};
 
-use super::view::{Kind, NEAREST, Outline, STRIP, View};
+use super::view::{DoubledLight, DoubledShape, NEAREST, ReceiverView, STRIP};
 use crate::bvh::packet::Packet;
 use crate::frame::POINT_OFFSET;
 use crate::simd::{LANES, Lanes, Level, Row};
@@ -23,13 +23,13 @@ const WIDER: f32 = 1e-3;
 
 /// Views of sixteen receivers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Views {
+pub(super) struct ReceiverViews {
     /// The rays.
     pub(super) packet: Packet,
-    outline: Outline,
+    outline: DoubledLight,
     normals: [DVec3; LANES],
-    views: [OnceCell<View>; LANES],
-    /// The functionals of [`View`].
+    views: [OnceCell<ReceiverView>; LANES],
+    /// The functionals of [`ReceiverView`].
     pub(super) x: [Row; 3],
     pub(super) y: [Row; 3],
     pub(super) w: [Row; 3],
@@ -50,9 +50,9 @@ pub(super) struct Views {
     pub(super) low: u16,
 }
 
-impl Views {
+impl ReceiverViews {
     /// Starts anew, with a light.
-    pub(super) fn clear(&mut self, outline: &Outline) {
+    pub(super) fn clear(&mut self, outline: &DoubledLight) {
         self.outline = *outline;
         for view in &mut self.views {
             *view = OnceCell::new();
@@ -89,9 +89,10 @@ impl Views {
     }
 
     /// A receiver's view in `f64`.
-    pub(super) fn view(&self, lane: usize) -> &View {
+    pub(super) fn view(&self, lane: usize) -> &ReceiverView {
         self.views[lane].get_or_init(|| {
-            let mut view = View::new(&self.outline, self.packet.origin(lane), self.normals[lane]);
+            let mut view =
+                ReceiverView::new(&self.outline, self.packet.origin(lane), self.normals[lane]);
             // What is low is what the rows say.
             view.low = self.low >> lane & 1 == 1;
             view
@@ -151,7 +152,7 @@ fn across<S: Simd>(simd: S, m: Vector<S>) -> [Vector<S>; 2] {
 }
 
 #[inline(always)]
-fn look<S: Simd>(simd: S, views: &mut Views) {
+fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
     let zero = f32x16::splat(simd, 0.0);
     let o: Vector<S> = [
         views.packet.origins()[0].load(simd),
@@ -169,8 +170,8 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
     let length = dot(l, l).sqrt().greater(f32::MIN_POSITIVE);
     let inverse = 1.0 / length;
     let plane = match outline.kind {
-        Kind::Rect(_, _, m) | Kind::Disk(m, _, _) => splat(simd, m),
-        Kind::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
+        DoubledShape::Rect(_, _, m) | DoubledShape::Disk(m, _, _) => splat(simd, m),
+        DoubledShape::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
     };
     let depth = dot(plane, l);
     views.soft = (f32::EPSILON * length).lt(depth);
@@ -184,7 +185,7 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
     let in_plane = less(n, dot(n, plane), plane);
     let wider = 1.0 + WIDER;
     let (x, y, width) = match outline.kind {
-        Kind::Rect([u, v], [du, dv], _) => {
+        DoubledShape::Rect([u, v], [du, dv], _) => {
             store::<S>(
                 splat(simd, (u.abs() + v.abs()) * f64::from(wider)),
                 &mut views.spread,
@@ -192,7 +193,7 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
             let width = dot(n, splat(simd, u)).abs() + dot(n, splat(simd, v)).abs();
             (splat(simd, du), splat(simd, dv), width)
         }
-        Kind::Disk(_, [e, f], diameter) => {
+        DoubledShape::Disk(_, [e, f], diameter) => {
             let d = f32x16::splat(simd, diameter as f32);
             (
                 splat(simd, e / diameter),
@@ -200,7 +201,7 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
                 d * dot(in_plane, in_plane).sqrt(),
             )
         }
-        Kind::Sphere(diameter) => {
+        DoubledShape::Sphere(diameter) => {
             let (d, over) = (
                 f32x16::splat(simd, diameter as f32),
                 f32x16::splat(simd, (1.0 / diameter) as f32),
@@ -213,7 +214,7 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
             )
         }
     };
-    if let Kind::Disk(_, _, diameter) | Kind::Sphere(diameter) = outline.kind {
+    if let DoubledShape::Disk(_, _, diameter) | DoubledShape::Sphere(diameter) = outline.kind {
         let d = f32x16::splat(simd, diameter as f32);
         for (m, row) in plane.into_iter().zip(&mut views.spread) {
             let square = (1.0 - m * m).greater(zero);

@@ -136,7 +136,7 @@ impl Trend {
 
 /// What a distorted ray sees first.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen {
+pub struct FirstHit {
     /// Where that is without distortion, in the image of focal length 1.
     pub at: DVec2,
     /// Its inverse depth, 0 where there is nothing.
@@ -145,8 +145,8 @@ pub struct Seen {
     pub triangle: u32,
 }
 
-impl Seen {
-    pub(super) const NOTHING: Seen = Seen {
+impl FirstHit {
+    pub(super) const NOTHING: FirstHit = FirstHit {
         at: DVec2::ZERO,
         inverse_depth: 0.0,
         triangle: NONE,
@@ -154,17 +154,17 @@ impl Seen {
 
     /// What the ray of a texel sees: straight without a reference image.
     #[inline(always)]
-    pub fn at(maps: &Maps, texel: usize) -> Seen {
+    pub fn at(maps: &Maps, texel: usize) -> FirstHit {
         match maps.seen.get(texel) {
             Some(&seen) => seen,
-            None => Seen::straight(maps, texel),
+            None => FirstHit::straight(maps, texel),
         }
     }
 
     /// What the shadow map has at a texel.
     #[inline(always)]
-    pub fn straight(maps: &Maps, texel: usize) -> Seen {
-        Seen {
+    pub fn straight(maps: &Maps, texel: usize) -> FirstHit {
+        FirstHit {
             at: maps.view.tangents(maps.view.center(texel)),
             inverse_depth: maps.inverse_depth[texel],
             triangle: maps.triangle[texel],
@@ -189,7 +189,7 @@ pub struct Maps {
     /// For each texel on the lit side of silhouettes the nearest line, or [`NONE`].
     pub outside: Vec<u32>,
     /// The reference image, what the distorted ray of each texel sees first; empty without ([`Maps::reference`]).
-    pub seen: Vec<Seen>,
+    pub seen: Vec<FirstHit>,
 }
 
 impl Maps {

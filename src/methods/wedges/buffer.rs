@@ -10,14 +10,14 @@ use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
 use super::area;
-use super::area::Scratch;
+use super::area::AreaScratch;
 use super::block::LightFrame;
-use super::bounds::{BoundsList, Extent, Part};
+use super::bounds::{BoundsList, ReceiverBox, Selection};
 use super::edge::AreaEdge;
 use super::interpolate;
-use super::interpolate::Wedge;
-use super::volume::{Drawing, Surface};
-use super::{Buffer, Cast, Overlap, Settings};
+use super::interpolate::PlaneWedge;
+use super::volume::{CountedFace, VolumeDrawing};
+use super::{Buffer, Cast, Overlap, WedgeSettings};
 use crate::camera::Camera;
 use crate::light::many::Many;
 use crate::raster::{Cover, SPAN, TILE, Tile, tile_count};
@@ -34,34 +34,34 @@ pub enum Interior {
     /// The light's area is cut by the edges ([`area`]).
     Area(LightFrame, Vec<AreaEdge>),
     /// The paper's interpolation between planes ([`interpolate`]).
-    Planes(Vec<Wedge>),
+    Planes(Vec<PlaneWedge>),
 }
 
 /// All that the tiles of one image share.
-pub(super) struct Frame<'a> {
+pub(super) struct ImageContext<'a> {
     cast: &'a Cast,
     receivers: &'a Receivers,
     /// Groups of receivers by tile.
     groups: Vec<Vec<u32>>,
     /// Width of the image in pixels.
     width: u32,
-    drawing: &'a Drawing,
-    settings: &'a Settings,
+    drawing: &'a VolumeDrawing,
+    settings: &'a WedgeSettings,
     /// Whether tiles keep what covers the light.
     keep: bool,
 }
 
-impl<'a> Frame<'a> {
+impl<'a> ImageContext<'a> {
     /// Gathers what an image needs.
     pub(super) fn new(
         cast: &'a Cast,
-        drawing: &'a Drawing,
+        drawing: &'a VolumeDrawing,
         receivers: &'a Receivers,
         camera: &Camera,
-        settings: &'a Settings,
+        settings: &'a WedgeSettings,
         keep: bool,
     ) -> Self {
-        Frame {
+        ImageContext {
             cast,
             receivers,
             groups: groups_by_tile(receivers, camera),
@@ -107,13 +107,13 @@ fn groups_by_tile(receivers: &Receivers, camera: &Camera) -> Vec<Vec<u32>> {
 
 /// The buffer of one tile.
 pub(super) struct TileBuffer<'a> {
-    frame: &'a Frame<'a>,
+    frame: &'a ImageContext<'a>,
     tile: Tile,
     groups: &'a [u32],
     /// Places of the groups' receivers in the tile, one after the other.
     places: Vec<u32>,
-    extents: Vec<Extent>,
-    extent: Extent,
+    extents: Vec<ReceiverBox>,
+    extent: ReceiverBox,
     position: [Vec<f64>; 3],
     layers: [Vec<i32>; 2],
     /// Blocks of 8×8 pixels in which layers were counted for the current object.
@@ -136,7 +136,7 @@ pub(super) type Groups = Vec<(u32, Vec<f32>, Vec<[f32; 2]>)>;
 
 impl<'a> TileBuffer<'a> {
     /// An empty buffer: all light.
-    pub(super) fn new(frame: &'a Frame<'a>, tile: Tile) -> Self {
+    pub(super) fn new(frame: &'a ImageContext<'a>, tile: Tile) -> Self {
         let index = (tile.y / TILE * frame.width.div_ceil(TILE) + tile.x / TILE) as usize;
         let groups = &frame.groups[index];
         let mut position = [(); 3].map(|()| vec![0.0; PIXELS]);
@@ -152,10 +152,10 @@ impl<'a> TileBuffer<'a> {
                     position[axis][place] = p[axis];
                 }
             }
-            extents.push(Extent::of(range.map(|i| frame.receivers.positions[i])));
+            extents.push(ReceiverBox::of(range.map(|i| frame.receivers.positions[i])));
         }
         let all = groups.iter().flat_map(|&g| frame.range(g));
-        let extent = Extent::of(all.map(|i| frame.receivers.positions[i]));
+        let extent = ReceiverBox::of(all.map(|i| frame.receivers.positions[i]));
         let wedges = match groups.is_empty() {
             true => BoundsList::default(),
             false => (frame.cast.bounds).keep(frame.settings.cull.then_some(&extent)),
@@ -243,10 +243,10 @@ impl<'a> TileBuffer<'a> {
     /// Lets one object take its light away: its wedges, and the layers counted or over the eye.
     fn combine(&mut self, wedges: std::ops::Range<usize>, over: [i32; 2], counted: bool) {
         let frame = self.frame;
-        let [mut all_near, mut near, mut nearest] = [(); 3].map(|()| Part::default());
+        let [mut all_near, mut near, mut nearest] = [(); 3].map(|()| Selection::default());
         self.wedges.part(wedges, &mut all_near);
         let mut ids = Vec::new();
-        let mut scratch = Scratch::default();
+        let mut scratch = AreaScratch::default();
         let mut points = [DVec3::ZERO; LANES];
         let mut all = Vec::new();
         let mut places = &self.places[..];
@@ -273,7 +273,7 @@ impl<'a> TileBuffer<'a> {
                         *p = frame.receivers.positions[range.start + i];
                     }
                     let points = &points[..lanes.len()];
-                    let extent = Extent::of(points.iter().copied());
+                    let extent = ReceiverBox::of(points.iter().copied());
                     (self.wedges).meeting(&near, cull.then_some(&extent), &mut nearest);
                     self.wedges.list(&nearest, &mut ids);
                     frame
@@ -343,7 +343,7 @@ impl Cast {
         &self,
         ids: &[u32],
         points: &[DVec3],
-        scratch: &mut Scratch,
+        scratch: &mut AreaScratch,
         steps: f32,
         out: &mut [Row; 2],
     ) {
@@ -411,7 +411,7 @@ impl Cover for TileBuffer<'_> {
 #[inline(always)]
 fn cross_lanes<S: Simd>(
     simd: S,
-    surface: &Surface,
+    surface: &CountedFace,
     before: bool,
     [first, last]: [usize; 2],
     position: &[Vec<f64>; 3],

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::volume::Quad;
+use super::volume::VolumeQuad;
 use crate::casters::edges::Edge;
 use crate::light::Light;
 use crate::simd::Row;
@@ -65,7 +65,7 @@ fn in_front(light: &Light, ends: [DVec3; 2]) -> Option<[DVec3; 2]> {
 }
 
 /// Prepares edges with their planes; those behind a flat light do not count.
-pub fn area_edges(edges: &[Edge], planes: &[Quad], light: &Light) -> Vec<AreaEdge> {
+pub fn area_edges(edges: &[Edge], planes: &[VolumeQuad], light: &Light) -> Vec<AreaEdge> {
     let parts: Vec<_> = (edges.par_iter().map(|e| in_front(light, e.ends))).collect();
     let one = |i: usize| {
         let (edge, plane) = (&edges[i], &planes[i]);
