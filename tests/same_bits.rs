@@ -10,7 +10,7 @@ use softshadow::far;
 use softshadow::geometry::entry::Material;
 use softshadow::light::Light;
 use softshadow::light::falloff::Falloff;
-use softshadow::method::Method;
+use softshadow::method::{Method, Overlap};
 use softshadow::methods::accumulation::{Accumulation, Content};
 use softshadow::methods::convolution::Convolution;
 use softshadow::methods::filtered::deep::DeepShadow;
@@ -20,7 +20,7 @@ use softshadow::methods::hard::Hard;
 use softshadow::methods::layered::{self, LayerKind, Layered};
 use softshadow::methods::mvsm::Mvsm;
 use softshadow::methods::ray_traced::RayTraced;
-use softshadow::methods::single_sample::{self, SingleSample};
+use softshadow::methods::single_sample::SingleSample;
 use softshadow::methods::ssoc::Ssoc;
 use softshadow::methods::ssoc::lookup::Rules;
 use softshadow::methods::wedges::planes::Construction;
@@ -149,7 +149,7 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
     };
     let wedges = |falloff| Wedges {
         falloff,
-        overlap: wedges::Overlap::Multiply,
+        overlap: Overlap::Multiply,
         integer: false,
         counting: Counting::ZPass,
         construction,
@@ -199,7 +199,7 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
             "single_sample",
             Box::new(SingleSample {
                 falloff: Falloff::Light,
-                overlap: single_sample::Overlap::Minimum,
+                overlap: Overlap::Minimum,
                 triangles: false,
                 opaque: false,
             }),

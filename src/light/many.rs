@@ -66,9 +66,9 @@ impl Many {
     }
 
     /// Finds heights, and irradiances if wanted.
-    fn find(&mut self, outline: Branchless, irradiance: bool) {
+    fn find(&mut self, simple: Branchless, irradiance: bool) {
         let many = self;
-        match (outline, irradiance) {
+        match (simple, irradiance) {
             (Branchless::Rect(center, u, v), false) => {
                 dispatch!(detect(), _ => rect_height(many, center, u, v))
             }
@@ -165,19 +165,19 @@ impl Light {
         irradiance: bool,
         mut each: impl FnMut(usize, DVec3, DVec3, Option<f64>),
     ) {
-        let outline = match self.shape {
+        let simple = match self.shape {
             Shape::Rect(RectLight { center, u, v }) => Some(Branchless::Rect(center, u, v)),
             Shape::Sphere(SphereLight { center, radius }) => {
                 Some(Branchless::Sphere(center, radius))
             }
             Shape::Disk(..) => None,
         };
-        if let Some(outline) = outline {
-            many.find(outline, irradiance);
+        if let Some(simple) = simple {
+            many.find(simple, irradiance);
         }
         for i in 0..many.count {
             let (p, n) = many.at(i);
-            let whole = outline.is_some() && many.height[i] > 0.0 && self.emits_towards(p);
+            let whole = simple.is_some() && many.height[i] > 0.0 && self.emits_towards(p);
             each(i, p, n, whole.then_some(many.irradiance[i]));
         }
     }

@@ -26,7 +26,7 @@ const WIDER: f32 = 1e-3;
 pub(super) struct ReceiverViews {
     /// The rays.
     pub(super) packet: Packet,
-    outline: DoubledLight,
+    doubled: DoubledLight,
     normals: [DVec3; LANES],
     views: [OnceCell<ReceiverView>; LANES],
     /// The functionals of [`ReceiverView`].
@@ -52,8 +52,8 @@ pub(super) struct ReceiverViews {
 
 impl ReceiverViews {
     /// Starts anew, with a light.
-    pub(super) fn clear(&mut self, outline: &DoubledLight) {
-        self.outline = *outline;
+    pub(super) fn clear(&mut self, doubled: &DoubledLight) {
+        self.doubled = *doubled;
         for view in &mut self.views {
             *view = OnceCell::new();
         }
@@ -61,7 +61,7 @@ impl ReceiverViews {
 
     /// Sets a receiver: where its rays start, and its normal.
     pub(super) fn set(&mut self, lane: usize, origin: Vec3, normal: DVec3) {
-        self.packet.set(lane, origin, self.outline.target());
+        self.packet.set(lane, origin, self.doubled.target());
         self.normals[lane] = normal;
         for k in 0..3 {
             self.normal[k].0[lane] = normal[k] as f32;
@@ -92,7 +92,7 @@ impl ReceiverViews {
     pub(super) fn view(&self, lane: usize) -> &ReceiverView {
         self.views[lane].get_or_init(|| {
             let mut view =
-                ReceiverView::new(&self.outline, self.packet.origin(lane), self.normals[lane]);
+                ReceiverView::new(&self.doubled, self.packet.origin(lane), self.normals[lane]);
             // What is low is what the rows say.
             view.low = self.low >> lane & 1 == 1;
             view
@@ -101,12 +101,12 @@ impl ReceiverViews {
 
     /// Whether the light is a parallelogram.
     pub(super) fn rect(&self) -> bool {
-        self.outline.is_rect()
+        self.doubled.is_rect()
     }
 
     /// How far the doubled light reaches from its centre.
     pub(super) fn reach(&self) -> f32 {
-        self.outline.reach as f32
+        self.doubled.reach as f32
     }
 }
 
@@ -164,12 +164,12 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
         views.normal[1].load(simd),
         views.normal[2].load(simd),
     ];
-    let outline = views.outline;
-    let target: Vector<S> = splat(simd, outline.target().as_dvec3());
+    let doubled = views.doubled;
+    let target: Vector<S> = splat(simd, doubled.target().as_dvec3());
     let l = less(target, f32x16::splat(simd, 1.0), o);
     let length = dot(l, l).sqrt().greater(f32::MIN_POSITIVE);
     let inverse = 1.0 / length;
-    let plane = match outline.kind {
+    let plane = match doubled.kind {
         DoubledShape::Rect(_, _, m) | DoubledShape::Disk(m, _, _) => splat(simd, m),
         DoubledShape::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
     };
@@ -184,7 +184,7 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
     store(w, &mut views.w);
     let in_plane = less(n, dot(n, plane), plane);
     let wider = 1.0 + WIDER;
-    let (x, y, width) = match outline.kind {
+    let (x, y, width) = match doubled.kind {
         DoubledShape::Rect([u, v], [du, dv], _) => {
             store::<S>(
                 splat(simd, (u.abs() + v.abs()) * f64::from(wider)),
@@ -214,7 +214,7 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
             )
         }
     };
-    if let DoubledShape::Disk(_, _, diameter) | DoubledShape::Sphere(diameter) = outline.kind {
+    if let DoubledShape::Disk(_, _, diameter) | DoubledShape::Sphere(diameter) = doubled.kind {
         let d = f32x16::splat(simd, diameter as f32);
         for (m, row) in plane.into_iter().zip(&mut views.spread) {
             let square = (1.0 - m * m).greater(zero);

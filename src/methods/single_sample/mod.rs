@@ -76,23 +76,12 @@ use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::light::falloff::Falloff;
 use crate::light::reach::LightOutline;
-use crate::method::{Method, Prepared, Shading};
+use crate::method::{Method, Overlap, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::simd::{LANES, detect};
 use found::{Found, NearPart};
 use lanes::ReceiverViews;
 use view::DoubledLight;
-
-/// How the shadows of different objects combine.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Overlap {
-    /// The darkest counts (the paper).
-    Minimum,
-    /// What they leave visible is multiplied.
-    Multiply,
-    /// What they hide is added.
-    Add,
-}
 
 /// Parameters of single sample soft shadows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -208,7 +197,7 @@ impl PreparedSingleSample {
         let light = &self.lights[light];
         let occluders = self.geometry.occluders();
         let target = light.target();
-        let outline = (!light.is_point()).then(|| DoubledLight::new(light, target));
+        let doubled = (!light.is_point()).then(|| DoubledLight::new(light, target));
         receivers.by_groups(control, dark, Scratch::default, |scratch, range, out| {
             let first = range.start;
             let fraction = |i| {
@@ -219,10 +208,10 @@ impl PreparedSingleSample {
             lit.clear();
             lit.extend(range.map(fraction).filter(|l| l.1 > 0.0));
             for lanes in lit.chunks(LANES) {
-                let blocked = match &outline {
+                let blocked = match &doubled {
                     None => hard_shadows(occluders, receivers, lanes, target, scratch),
-                    Some(outline) => {
-                        self.soft_shadows(occluders, receivers, lanes, outline, scratch)
+                    Some(doubled) => {
+                        self.soft_shadows(occluders, receivers, lanes, doubled, scratch)
                     }
                 };
                 for (lane, &(i, h)) in lanes.iter().enumerate() {
@@ -241,7 +230,7 @@ impl PreparedSingleSample {
         occluders: &Occluders,
         receivers: &Receivers,
         lanes: &[(usize, f64)],
-        outline: &DoubledLight,
+        doubled: &DoubledLight,
         scratch: &mut Scratch,
     ) -> u16 {
         let Scratch {
@@ -252,7 +241,7 @@ impl PreparedSingleSample {
         } = scratch;
         let active = u16::MAX >> (LANES - lanes.len());
         let level = detect();
-        views.clear(outline);
+        views.clear(doubled);
         for (lane, &(i, _)) in lanes.iter().enumerate() {
             views.set(lane, receivers.ray_origin(i), receivers.normals[i]);
         }

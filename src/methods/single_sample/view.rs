@@ -133,11 +133,11 @@ pub(super) struct ReceiverView {
 
 impl ReceiverView {
     /// The view from a receiver with this start of its rays and this normal.
-    pub(super) fn new(outline: &DoubledLight, origin: Vec3, normal: DVec3) -> Self {
+    pub(super) fn new(doubled: &DoubledLight, origin: Vec3, normal: DVec3) -> Self {
         let o = origin.as_dvec3();
-        let mut l = outline.target - o;
+        let mut l = doubled.target - o;
         let length = l.length();
-        let plane = match outline.kind {
+        let plane = match doubled.kind {
             DoubledShape::Rect(_, _, m) | DoubledShape::Disk(m, _, _) => m,
             DoubledShape::Sphere(_) if length > 0.0 => l / length,
             DoubledShape::Sphere(_) => DVec3::ZERO,
@@ -145,10 +145,10 @@ impl ReceiverView {
         let depth = plane.dot(l);
         let mut view = ReceiverView {
             origin,
-            target: outline.target.as_vec3(),
+            target: doubled.target.as_vec3(),
             ray: l,
             normal,
-            rect: outline.is_rect(),
+            rect: doubled.is_rect(),
             ..ReceiverView::default()
         };
         // Below an ulp of the distance the coordinates cannot tell how the light is seen.
@@ -156,11 +156,11 @@ impl ReceiverView {
             return view;
         }
         view.soft = true;
-        view.flat = !matches!(outline.kind, DoubledShape::Sphere(_));
+        view.flat = !matches!(doubled.kind, DoubledShape::Sphere(_));
         let in_plane = normal - normal.dot(plane) * plane;
         // The doubled light's size along the axes and the normal, and what moves a place up the normal
         // within the light's plane.
-        let (up, width) = match outline.kind {
+        let (up, width) = match doubled.kind {
             DoubledShape::Rect([u, v], ..) => {
                 view.spread = u.abs() + v.abs();
                 let (nu, nv) = (normal.dot(u), normal.dot(v));
@@ -189,7 +189,7 @@ impl ReceiverView {
         view.w = plane / plane.dot(l);
         view.nearest = NEAREST * o.abs().max_element().max(1.0) / l.length();
         let place = |dual: DVec3| dual - dual.dot(l) * view.w;
-        (view.x, view.y) = match outline.kind {
+        (view.x, view.y) = match doubled.kind {
             DoubledShape::Rect(_, [u, v], _) => (place(u), place(v)),
             DoubledShape::Disk(_, [e, f], diameter) => (place(e / diameter), place(f / diameter)),
             DoubledShape::Sphere(diameter) => {

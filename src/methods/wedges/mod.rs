@@ -42,7 +42,7 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::tangents::tangents;
-use crate::method::{Method, Prepared, Shading};
+use crate::method::{Method, Overlap, Prepared, Shading};
 use crate::raster::cover_projected;
 use crate::receivers::Receivers;
 use block::LightFrame;
@@ -65,17 +65,6 @@ pub enum WedgeFalloff {
     Planes(interpolate::PlaneFalloff),
     /// The wedge is drawn as this many quads, each of constant intensity (the paper's Figure 15).
     Fan(usize),
-}
-
-/// How the shadows of different objects combine.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Overlap {
-    /// What they hide is added (the paper).
-    Add,
-    /// What they leave visible is multiplied.
-    Multiply,
-    /// The darkest counts.
-    Minimum,
 }
 
 /// How the light-intensity buffer stores.
@@ -391,7 +380,7 @@ impl PreparedWedges {
             copies: cast.fan as i32,
         };
         let drawing = volume::draw(&self.casters, &cast.quads, cast.light.center(), &view);
-        let frame = ImageContext::new(cast, &drawing, receivers, camera, &self.settings, keep);
+        let image = ImageContext::new(cast, &drawing, receivers, camera, &self.settings, keep);
         // Receivers are counted once a group, as by every method; tiles need no steps of their own.
         let silent = control.silent();
         let tiles = cover_projected(
@@ -400,7 +389,7 @@ impl PreparedWedges {
             &drawing.faces,
             camera,
             &silent,
-            |tile| TileBuffer::new(&frame, tile),
+            |tile| TileBuffer::new(&image, tile),
         )?;
         let parts: Vec<Groups> = tiles
             .into_par_iter()

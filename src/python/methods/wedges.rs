@@ -3,9 +3,10 @@
 use pyo3::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::method::Overlap;
 use crate::methods::wedges::planes::Construction;
 use crate::methods::wedges::volume::Counting;
-use crate::methods::wedges::{Overlap, ShadowVolume, WedgeFalloff, Wedges, interpolate};
+use crate::methods::wedges::{ShadowVolume, WedgeFalloff, Wedges, interpolate};
 use crate::python::parse::{choice, parse_opaque};
 
 /// The parameters of penumbra wedges as Python has them: attributes of `softshadow.Wedges`.
