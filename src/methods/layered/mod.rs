@@ -4,7 +4,8 @@
 //! to points of the light are traced through the map instead of the scene. The map is [`crate::maps::layers`]; here:
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
-//! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
+//! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver, by
+//!   its [`pencil`] of segments; `pieces`: what surfaces in texels hide of them.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
 //! depths from all three.
@@ -16,6 +17,8 @@
 pub mod choose;
 pub mod given;
 pub mod masks;
+pub mod pencil;
+mod pieces;
 pub mod tracing;
 
 use crate::maps::RESOLUTIONS;
@@ -43,7 +46,8 @@ use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{LightSamples, Pattern, Sampler};
 use given::Given;
 use masks::{Axis, BLOCK, Mask, spread};
-use tracing::{Pencil, SampleVisibility, Stack, Tracing, trace};
+use pencil::{Pencil, SampleVisibility, Tracing};
+use tracing::{Stack, trace};
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.

@@ -9,7 +9,7 @@ use std::cell::OnceCell;
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{DVec3, Vec3};
 
-use super::view::{DoubledLight, DoubledShape, NEAREST, ReceiverView, STRIP};
+use super::view::{DoubledLight, DoubledOutline, NEAREST, ReceiverView, STRIP};
 use crate::bvh::packet::Packet;
 use crate::frame::POINT_OFFSET;
 use crate::simd::{LANES, Lanes, Level, Row};
@@ -170,8 +170,8 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
     let length = dot(l, l).sqrt().greater(f32::MIN_POSITIVE);
     let inverse = 1.0 / length;
     let plane = match doubled.kind {
-        DoubledShape::Rect(_, _, m) | DoubledShape::Disk(m, _, _) => splat(simd, m),
-        DoubledShape::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
+        DoubledOutline::Rect(_, _, m) | DoubledOutline::Disk(m, _, _) => splat(simd, m),
+        DoubledOutline::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
     };
     let depth = dot(plane, l);
     views.soft = (f32::EPSILON * length).lt(depth);
@@ -185,7 +185,7 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
     let in_plane = less(n, dot(n, plane), plane);
     let wider = 1.0 + WIDER;
     let (x, y, width) = match doubled.kind {
-        DoubledShape::Rect([u, v], [du, dv], _) => {
+        DoubledOutline::Rect([u, v], [du, dv], _) => {
             store::<S>(
                 splat(simd, (u.abs() + v.abs()) * f64::from(wider)),
                 &mut views.spread,
@@ -193,7 +193,7 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
             let width = dot(n, splat(simd, u)).abs() + dot(n, splat(simd, v)).abs();
             (splat(simd, du), splat(simd, dv), width)
         }
-        DoubledShape::Disk(_, [e, f], diameter) => {
+        DoubledOutline::Disk(_, [e, f], diameter) => {
             let d = f32x16::splat(simd, diameter as f32);
             (
                 splat(simd, e / diameter),
@@ -201,7 +201,7 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
                 d * dot(in_plane, in_plane).sqrt(),
             )
         }
-        DoubledShape::Sphere(diameter) => {
+        DoubledOutline::Sphere(diameter) => {
             let (d, over) = (
                 f32x16::splat(simd, diameter as f32),
                 f32x16::splat(simd, (1.0 / diameter) as f32),
@@ -214,7 +214,7 @@ fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
             )
         }
     };
-    if let DoubledShape::Disk(_, _, diameter) | DoubledShape::Sphere(diameter) = doubled.kind {
+    if let DoubledOutline::Disk(_, _, diameter) | DoubledOutline::Sphere(diameter) = doubled.kind {
         let d = f32x16::splat(simd, diameter as f32);
         for (m, row) in plane.into_iter().zip(&mut views.spread) {
             let square = (1.0 - m * m).greater(zero);

@@ -35,14 +35,14 @@ pub(super) const NEAREST: f64 = 16.0 * POINT_OFFSET;
 pub(super) struct DoubledLight {
     /// Where shadow rays go.
     target: DVec3,
-    pub(super) kind: DoubledShape,
+    pub(super) kind: DoubledOutline,
     /// Largest distance of a point on the doubled light from its centre.
     pub(super) reach: f64,
 }
 
-/// The shapes.
+/// What a light's shape is once it is doubled, for each shape.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum DoubledShape {
+pub(super) enum DoubledOutline {
     /// Edges, their dual vectors and the normal away from the lit side.
     Rect([DVec3; 2], [DVec3; 2], DVec3),
     /// Normal away from the lit side, two unit vectors across and the diameter.
@@ -51,9 +51,9 @@ pub(super) enum DoubledShape {
     Sphere(f64),
 }
 
-impl Default for DoubledShape {
+impl Default for DoubledOutline {
     fn default() -> Self {
-        DoubledShape::Sphere(0.0)
+        DoubledOutline::Sphere(0.0)
     }
 }
 
@@ -68,7 +68,7 @@ impl DoubledLight {
                 let duals = [du / u.dot(du), dv / v.dot(dv)];
                 DoubledLight {
                     target,
-                    kind: DoubledShape::Rect([u, v], duals, -across.normalize()),
+                    kind: DoubledOutline::Rect([u, v], duals, -across.normalize()),
                     reach: u.length() + v.length(),
                 }
             }
@@ -76,13 +76,13 @@ impl DoubledLight {
                 let (e, f) = normal.any_orthonormal_pair();
                 DoubledLight {
                     target,
-                    kind: DoubledShape::Disk(-normal, [e, f], 2.0 * radius),
+                    kind: DoubledOutline::Disk(-normal, [e, f], 2.0 * radius),
                     reach: 2.0 * radius,
                 }
             }
             Shape::Sphere(SphereLight { radius, .. }) => DoubledLight {
                 target,
-                kind: DoubledShape::Sphere(2.0 * radius),
+                kind: DoubledOutline::Sphere(2.0 * radius),
                 reach: 2.0 * radius,
             },
         }
@@ -95,7 +95,7 @@ impl DoubledLight {
 
     /// Whether places are measured by the larger of two coordinates, not by their length.
     pub(super) fn is_rect(&self) -> bool {
-        matches!(self.kind, DoubledShape::Rect(..))
+        matches!(self.kind, DoubledOutline::Rect(..))
     }
 }
 
@@ -138,9 +138,9 @@ impl ReceiverView {
         let mut l = doubled.target - o;
         let length = l.length();
         let plane = match doubled.kind {
-            DoubledShape::Rect(_, _, m) | DoubledShape::Disk(m, _, _) => m,
-            DoubledShape::Sphere(_) if length > 0.0 => l / length,
-            DoubledShape::Sphere(_) => DVec3::ZERO,
+            DoubledOutline::Rect(_, _, m) | DoubledOutline::Disk(m, _, _) => m,
+            DoubledOutline::Sphere(_) if length > 0.0 => l / length,
+            DoubledOutline::Sphere(_) => DVec3::ZERO,
         };
         let depth = plane.dot(l);
         let mut view = ReceiverView {
@@ -156,17 +156,17 @@ impl ReceiverView {
             return view;
         }
         view.soft = true;
-        view.flat = !matches!(doubled.kind, DoubledShape::Sphere(_));
+        view.flat = !matches!(doubled.kind, DoubledOutline::Sphere(_));
         let in_plane = normal - normal.dot(plane) * plane;
         // The doubled light's size along the axes and the normal, and what moves a place up the normal
         // within the light's plane.
         let (up, width) = match doubled.kind {
-            DoubledShape::Rect([u, v], ..) => {
+            DoubledOutline::Rect([u, v], ..) => {
                 view.spread = u.abs() + v.abs();
                 let (nu, nv) = (normal.dot(u), normal.dot(v));
                 (u * nu + v * nv, nu.abs() + nv.abs())
             }
-            DoubledShape::Disk(_, _, diameter) | DoubledShape::Sphere(diameter) => {
+            DoubledOutline::Disk(_, _, diameter) | DoubledOutline::Sphere(diameter) => {
                 let across = (DVec3::ONE - plane * plane).max(DVec3::ZERO);
                 view.spread = diameter * across.map(f64::sqrt);
                 (in_plane, diameter * in_plane.length())
@@ -190,9 +190,9 @@ impl ReceiverView {
         view.nearest = NEAREST * o.abs().max_element().max(1.0) / l.length();
         let place = |dual: DVec3| dual - dual.dot(l) * view.w;
         (view.x, view.y) = match doubled.kind {
-            DoubledShape::Rect(_, [u, v], _) => (place(u), place(v)),
-            DoubledShape::Disk(_, [e, f], diameter) => (place(e / diameter), place(f / diameter)),
-            DoubledShape::Sphere(diameter) => {
+            DoubledOutline::Rect(_, [u, v], _) => (place(u), place(v)),
+            DoubledOutline::Disk(_, [e, f], diameter) => (place(e / diameter), place(f / diameter)),
+            DoubledOutline::Sphere(diameter) => {
                 let (e, f) = plane.any_orthonormal_pair();
                 (place(e / diameter), place(f / diameter))
             }
