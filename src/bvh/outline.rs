@@ -357,7 +357,7 @@ impl Shaft {
         for axis in 0..3 {
             let rising = self.rising[axis].load(simd) * min[axis];
             let falling = self.falling[axis].load(simd) * max[axis];
-            nearest = nearest + (rising + falling);
+            nearest += rising + falling;
         }
         nearest.le(self.offset.load(simd)) == u16::MAX
     }

@@ -116,6 +116,7 @@ pub(super) fn fill_flat<S: Simd>(
     }
 }
 
+#[allow(clippy::too_many_arguments, reason = "one call")]
 #[inline(always)]
 pub(super) fn fill_cap<S: Simd>(
     simd: S,

@@ -453,7 +453,7 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
                     Some(row) => row.load(simd),
                     None => one,
                 };
-                seen = seen + through.where_bits(open, zero);
+                seen += through.where_bits(open, zero);
             }
             sums.seen[block].set(seen);
             continue;
@@ -481,16 +481,16 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
                 let length = squared.sqrt();
                 let angle = area * (facing / (squared * length));
                 let part = (angle * through).where_bits(open, zero);
-                weight = weight + angle;
-                seen = seen + part;
-                light = light + part * (above / length);
+                weight += angle;
+                seen += part;
+                light += part * (above / length);
             } else {
                 let facing = dot(&minus_normal, &d).greater(zero);
                 let inverse = one / squared;
                 let cosines = facing * inverse * (above * inverse);
                 let through = through.where_bits(open, zero);
-                seen = seen + through;
-                light = light + area * cosines * through;
+                seen += through;
+                light += area * cosines * through;
             }
         }
         sums.seen[block].set(seen);

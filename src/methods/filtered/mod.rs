@@ -136,7 +136,7 @@ impl LightMaps {
     /// Draws the maps of a light, local.
     ///
     /// # Errors
-    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    /// Maps that do not fit into memory, or [`crate::error::Error::Cancelled`].
     pub fn new(
         light: &Light,
         casters: &Casters,

@@ -127,7 +127,7 @@ impl Layered {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for a parameter that is out of its range.
+    /// [`crate::error::Error::Parameter`] for a parameter that is out of its range.
     pub fn new(kind: LayerKind, settings: LayeredSettings) -> Result<Self> {
         let what = kind.class();
         in_range(
@@ -165,7 +165,7 @@ impl Layered {
     /// The maps of a local light.
     ///
     /// # Errors
-    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    /// Maps that do not fit into memory, or [`crate::error::Error::Cancelled`].
     pub fn maps(
         &self,
         casters: &Casters,
@@ -200,7 +200,7 @@ impl Layered {
     /// Ready to answer for one local light through maps that a user gives, instead of a scene's.
     ///
     /// # Errors
-    /// The errors of [`Given::map`], or [`Error::Cancelled`].
+    /// The errors of [`Given::map`], or [`crate::error::Error::Cancelled`].
     pub fn through(
         &self,
         light: Light,

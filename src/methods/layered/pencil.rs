@@ -99,6 +99,8 @@ pub(super) struct Walk<'a> {
     /// Depth over the receiver up to which the finest level answers.
     pub(super) band: f32,
     pub(super) has_plane: bool,
+    /// Whether something in the map is transparent.
+    pub(super) transparent: bool,
 }
 
 /// Directions in which the left, right, upper and lower sides of four rectangles move outward.
@@ -162,6 +164,7 @@ impl<'a> Walk<'a> {
                 how.detail * (how.detail / across).sqrt() / extent_u.max(extent_v)
             },
             has_plane: pencil.plane != [0.0; 3],
+            transparent: map.is_transparent(),
         }
     }
 }

@@ -75,7 +75,6 @@ impl Walk<'_> {
         at: usize,
         leaves: u32,
         four: &Four,
-        transparent: bool,
         seen: &mut SampleVisibility,
     ) {
         let k = self.map.layers;
@@ -84,7 +83,7 @@ impl Walk<'_> {
         let mut before = [1.0f32; 4];
         for (i, block) in data.blocks[at..at + k].iter().enumerate() {
             let depths = Vec4::from_array(block.inverse_depth) - w;
-            if !transparent {
+            if !self.transparent {
                 let ahead = depths.cmpgt(from).bitmask() & leaves;
                 // The layers behind lie deeper still.
                 if ahead == 0 {

@@ -6,7 +6,7 @@
 //! left out with all below it: so a receiver with nothing before the light takes a few nodes. Of four siblings the
 //! one that most undecided samples can meet comes first, so that in the umbra few are left to look at.
 //!
-//! At the leaves the pieces of surfaces hide samples ([`super::pieces`]).
+//! At the leaves the pieces of surfaces hide samples (`pieces`).
 //!
 //! **Coarser maps.** Where a texel, seen from the receiver, is less than a chosen part of the light, the walk
 //! ends at a coarser level. Each level answers for a band of depths, half-open, so that no transparent surface counts
@@ -85,7 +85,6 @@ fn trace_lanes<S: Simd>(
     stack: &mut Stack,
 ) {
     let walk = Walk::new(map, how, pencil);
-    let transparent = map.is_transparent();
     let top = map.levels.len() as u32 - 1;
     stack.clear();
     stack.push(Siblings {
@@ -98,14 +97,7 @@ fn trace_lanes<S: Simd>(
         if seen.open.is_empty() {
             return;
         }
-        walk.siblings(
-            simd,
-            siblings,
-            siblings.level == top,
-            transparent,
-            seen,
-            stack,
-        );
+        walk.siblings(simd, siblings, siblings.level == top, seen, stack);
     }
 }
 
@@ -117,7 +109,6 @@ impl Walk<'_> {
         simd: S,
         siblings: Siblings,
         top: bool,
-        transparent: bool,
         seen: &mut SampleVisibility,
         stack: &mut Stack,
     ) {
@@ -277,7 +268,7 @@ impl Walk<'_> {
                 range: [far, Vec4::from_array(quad.high) - w],
             };
             let at = (y as usize * across + x as usize) * self.map.layers;
-            self.pieces(simd, data, at, leaves, &four, transparent, seen);
+            self.pieces(simd, data, at, leaves, &four, seen);
         }
         if last < stack.len() {
             let top = stack.len() - 1;

@@ -54,7 +54,7 @@ fn all<S: Simd>(
     let load = |rows: &[Row; 3]| [rows[0].load(simd), rows[1].load(simd), rows[2].load(simd)];
     let (origin, mut ray) = (load(packet.origins()), load(packet.targets()));
     for k in 0..3 {
-        ray[k] = ray[k] - origin[k];
+        ray[k] -= origin[k];
     }
     let square = ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2];
     let mut leaves = Spheres {
@@ -146,7 +146,7 @@ impl<S: Simd> Spheres<'_, S> {
         let mut square = zero;
         for k in 0..3 {
             let off = q[k] - t * d[k];
-            square = square + off * off;
+            square += off * off;
         }
         let wide = self.reach * self.found.limit().load(simd);
         let slack = SLACK * (2.0 + radius) + 1e-5 * wide;

@@ -85,7 +85,7 @@ impl Ssoc {
     /// The maps of one light (local), its views one after the other, and the seconds of each stage.
     ///
     /// # Errors
-    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    /// Maps that do not fit into memory, or [`crate::error::Error::Cancelled`].
     pub fn maps(
         &self,
         casters: &Casters,

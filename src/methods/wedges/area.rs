@@ -176,8 +176,8 @@ impl<S: Simd> Chain<S> {
     #[inline(always)]
     fn add(&mut self, term: f32x16<S>, lanes: u16) {
         let term = term.where_bits(lanes, 0.0);
-        self.sum[0] = self.sum[0] + term * self.weights[0];
-        self.sum[1] = self.sum[1] + term * self.weights[1];
+        self.sum[0] += term * self.weights[0];
+        self.sum[1] += term * self.weights[1];
     }
 
     /// Ends it.
@@ -225,8 +225,8 @@ fn measure<S: Simd>(
         };
         let signed = (0.0 - beyond).where_bits(pending.shadow_side, beyond);
         let [front, back] = pending.weights;
-        out[0] = out[0] + signed * front;
-        out[1] = out[1] + signed * back;
+        out[0] += signed * front;
+        out[1] += signed * back;
     }
 }
 

@@ -241,8 +241,8 @@ fn meets<S: Simd>(simd: S, row: &Sixteen, crossing: bool, extent: &ReceiverBox) 
         let mut reach = f32x16::splat(simd, 0.0);
         for axis in 0..3 {
             let n = row.normal[plane][axis].load(simd);
-            middle = middle + n * c[axis];
-            reach = reach + n.abs() * h[axis];
+            middle += n * c[axis];
+            reach += n.abs() * h[axis];
         }
         inner[plane] = (middle - reach).le(zero);
         outer[plane] = (middle + reach).ge(-2.0 * SLACK);

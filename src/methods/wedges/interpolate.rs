@@ -163,8 +163,8 @@ fn cover_lanes<S: Simd>(
             s
         };
         let signed = (zero - s).where_bits(inside, s.where_bits(inverted, zero));
-        front = front + signed * wedge.layers[0];
-        back = back + signed * wedge.layers[1];
+        front += signed * wedge.layers[0];
+        back += signed * wedge.layers[1];
     }
     out[0].set(front);
     out[1].set(back);
