@@ -18,7 +18,7 @@ pub struct Control {
 }
 
 impl Control {
-    /// One that is cancelled with this one, whose steps are none of this one's.
+    /// A control for a part of the job that reports no progress: it stops when this one is cancelled.
     pub fn silent(&self) -> Self {
         Control {
             cancelled: self.cancelled.clone(),

@@ -26,7 +26,7 @@ pub enum Error {
         mesh: String,
         /// Its faces.
         faces: usize,
-        /// Where they are.
+        /// Their common place.
         point: [f64; 3],
     },
     /// A NaN or infinite coordinate.
@@ -63,7 +63,7 @@ pub enum Error {
         what: String,
         /// How many there are.
         count: usize,
-        /// Of what.
+        /// What is counted, such as `"points"`.
         items: &'static str,
         /// How many fit.
         limit: usize,
@@ -110,7 +110,7 @@ pub enum Error {
 
 /// Which exception an error becomes in Python.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ErrorKind {
     /// `softshadow.SceneError`
     Scene,
     /// `softshadow.ParameterError`
@@ -148,13 +148,13 @@ pub fn in_range<T: PartialOrd + Display + Into<f64> + Copy>(
 
 impl Error {
     /// Returns the class of exception that this error becomes.
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> ErrorKind {
         match self {
-            Error::Parameter { .. } => Kind::Parameter,
-            Error::Unsupported { .. } => Kind::Unsupported,
-            Error::Memory { .. } | Error::Exhausted(_) => Kind::Memory,
-            Error::Cancelled => Kind::Cancelled,
-            _ => Kind::Scene,
+            Error::Parameter { .. } => ErrorKind::Parameter,
+            Error::Unsupported { .. } => ErrorKind::Unsupported,
+            Error::Memory { .. } | Error::Exhausted(_) => ErrorKind::Memory,
+            Error::Cancelled => ErrorKind::Cancelled,
+            _ => ErrorKind::Scene,
         }
     }
 

@@ -31,7 +31,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
-use crate::light::{Light, Sphere};
+use crate::light::{Light, SphereLight};
 use crate::method::{Method, Prepared, Shading};
 use crate::raster::nearest::NONE;
 use crate::receivers::Receivers;
@@ -57,7 +57,7 @@ const LEAST_WEIGHT: f64 = 0.25;
 /// `method`, ready for a scene and its lights (local), wherever they are.
 ///
 /// # Errors
-/// Those of [`Method::prepare`], and a light too far away that is seen edge-on.
+/// The errors of [`Method::prepare`], and one for a light too far away that is seen edge-on.
 pub fn prepare(
     method: &dyn Method,
     geometry: Arc<Snapshot>,
@@ -153,7 +153,7 @@ impl Moved {
         let distance = center.length();
         // What of the light keeps its directions: a flat light's middle, the outline of a sphere.
         let (towards, height, outline) = match light.as_sphere() {
-            Some(Sphere { radius, .. }) => {
+            Some(SphereLight { radius, .. }) => {
                 let sin = radius / distance;
                 (
                     center / distance,
@@ -276,7 +276,7 @@ fn on_triangle([a, b, c]: [Vec3; 3], p: DVec3, n: DVec3) -> (DVec3, DVec3) {
 
 /// A method, prepared for some of the lights.
 struct Part {
-    /// Where they were far away: the map, and the scene in it.
+    /// For lights that were far away: the projective map that brought them near, and the scene as that map has it.
     moved: Option<(Moved, Arc<Snapshot>)>,
     prepared: Box<dyn Prepared>,
 }
@@ -285,7 +285,7 @@ struct Part {
 struct PreparedFar {
     method: &'static str,
     parts: Vec<Part>,
-    /// Of every light its part, and its number there.
+    /// For every light, the number of its part and its number within that part.
     places: Vec<(usize, usize)>,
 }
 

@@ -22,6 +22,18 @@ pub struct Shading {
     pub irradiance: Option<Vec<f32>>,
 }
 
+/// How the shadows of different objects combine. [`crate::methods::single_sample`]'s paper takes the darkest,
+/// [`crate::methods::wedges`]'s adds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Overlap {
+    /// The darkest counts.
+    Minimum,
+    /// What they leave visible is multiplied.
+    Multiply,
+    /// What they hide is added.
+    Add,
+}
+
 /// A method with its parameters.
 pub trait Method: Send + Sync {
     /// The name that users call it by.

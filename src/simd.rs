@@ -18,7 +18,7 @@ use glam::Vec4;
 /// Lanes in a vector.
 pub const LANES: usize = 16;
 
-/// One value a lane, aligned for the widest load.
+/// A value for each lane, aligned for the widest load.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub struct Row(pub [f32; LANES]);
@@ -267,7 +267,7 @@ mod tests {
         (rows, vec![x.lt(y), x.le(y), x.gt(y), x.ge(y), positive])
     }
 
-    /// The same, lane by lane.
+    /// The same results, lane by lane.
     fn expected(a: &Row, b: &Row) -> Found {
         let number =
             |of: &dyn Fn(f32, f32) -> f32| Row(std::array::from_fn(|i| of(a.0[i], b.0[i])));

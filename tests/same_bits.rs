@@ -10,17 +10,17 @@ use softshadow::far;
 use softshadow::geometry::entry::Material;
 use softshadow::light::Light;
 use softshadow::light::falloff::Falloff;
-use softshadow::method::Method;
+use softshadow::method::{Method, Overlap};
 use softshadow::methods::accumulation::{Accumulation, Content};
 use softshadow::methods::convolution::Convolution;
 use softshadow::methods::filtered::deep::DeepShadow;
 use softshadow::methods::filtered::pcf::Pcf;
-use softshadow::methods::filtered::{Estimate, Settings};
+use softshadow::methods::filtered::{Estimate, FilterSettings};
 use softshadow::methods::hard::Hard;
-use softshadow::methods::layered::{self, Kind, Layered};
+use softshadow::methods::layered::{self, LayerKind, Layered};
 use softshadow::methods::mvsm::Mvsm;
 use softshadow::methods::ray_traced::RayTraced;
-use softshadow::methods::single_sample::{self, SingleSample};
+use softshadow::methods::single_sample::SingleSample;
 use softshadow::methods::ssoc::Ssoc;
 use softshadow::methods::ssoc::lookup::Rules;
 use softshadow::methods::wedges::planes::Construction;
@@ -111,7 +111,7 @@ fn lights() -> [Light; 3] {
 }
 
 fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
-    let layers = layered::Settings {
+    let layers = layered::LayeredSettings {
         resolution: Some(96),
         layers: None,
         samples: 64,
@@ -126,7 +126,7 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         opaque: false,
     };
     let layered = |kind| Box::new(Layered::new(kind, layers).unwrap());
-    let settings = Settings {
+    let settings = FilterSettings {
         resolution: 96,
         layers: 8,
         samples: 64,
@@ -149,14 +149,14 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
     };
     let wedges = |falloff| Wedges {
         falloff,
-        overlap: wedges::Overlap::Multiply,
+        overlap: Overlap::Multiply,
         integer: false,
         counting: Counting::ZPass,
         construction,
         opaque: false,
         cull: true,
     };
-    let line = wedges::Falloff::Planes(wedges::interpolate::Falloff::Line);
+    let line = wedges::WedgeFalloff::Planes(wedges::interpolate::PlaneFalloff::Line);
     let ray_traced = |cull| RayTraced {
         samples: 64,
         seed: 3,
@@ -181,7 +181,7 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
                 cull: true,
             }),
         ),
-        ("wedges", Box::new(wedges(wedges::Falloff::Light))),
+        ("wedges", Box::new(wedges(wedges::WedgeFalloff::Light))),
         ("wedges, line", Box::new(wedges(line))),
         (
             "ssoc",
@@ -192,14 +192,14 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
                 opaque: false,
             }),
         ),
-        ("slsm", layered(Kind::Single)),
-        ("mlsm", layered(Kind::Multi)),
-        ("mtsm", layered(Kind::Transparent)),
+        ("slsm", layered(LayerKind::Single)),
+        ("mlsm", layered(LayerKind::Multi)),
+        ("mtsm", layered(LayerKind::Transparent)),
         (
             "single_sample",
             Box::new(SingleSample {
                 falloff: Falloff::Light,
-                overlap: single_sample::Overlap::Minimum,
+                overlap: Overlap::Minimum,
                 triangles: false,
                 opaque: false,
             }),
@@ -219,7 +219,7 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         (
             "pcf",
             Box::new(Pcf {
-                settings: Settings {
+                settings: FilterSettings {
                     layers: 1,
                     ..settings
                 },

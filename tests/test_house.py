@@ -98,9 +98,8 @@ def test_every_shape_of_a_light_is_asked_for_by_name():
         if "light" not in text or "Shape::" not in text:
             continue
         where = "::".join(module)
-        if module[0] not in ("scene", "geometry"):  # whose shapes are meshes and spheres
-            assert not re.search(r"let Shape::[^;]*else \{", text), where
-            assert not re.search(r"matches!\([^)]*Shape::", text), where
+        assert not re.search(r"let Shape::[^;]*else \{", text), where
+        assert not re.search(r"matches!\([^)]*Shape::", text), where
         for match in re.finditer(r"match [^{;]*\bshape \{", text):
             depth, end = 1, match.end()
             while depth:

@@ -54,7 +54,7 @@ impl TriangleBvh {
         }
     }
 
-    /// The same topology over moved triangles, or a new one where the old has become a bad fit.
+    /// A hierarchy of the same topology over moved triangles, or a new one where the old has become a bad fit.
     fn refitted(&self, geometry: &Geometry) -> Self {
         let bounds = face_bounds(geometry, &self.faces);
         match self.tree.refitted(&bounds) {

@@ -115,8 +115,8 @@ impl Tree {
         tree
     }
 
-    /// The same topology over moved boxes, numbered in the order of this tree's leaves; `None` where
-    /// that has become much slower to traverse than when it was built.
+    /// A tree of the same topology over moved boxes, numbered in the order of this tree's leaves; `None` where that has
+    /// become much slower to traverse than when it was built.
     pub fn refitted(&self, bounds: &[(Vec3, Vec3)]) -> Option<Self> {
         let mut tree = self.clone();
         for i in (0..tree.nodes.len()).rev() {

@@ -275,7 +275,8 @@ fn largest(positions: &[Vec3]) -> [[f32; 2]; 7] {
     most.map(|sides| sides.map(|lanes| lanes.into_iter().fold(f32::NEG_INFINITY, f32::max)))
 }
 
-/// As [`look_lanes`].
+/// Raises `most` to the largest products of a block's positions with each direction and its opposite, lane by lane.
+/// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
 fn largest_lanes([x, y, z]: &[[f32; BLOCK]; 3], most: &mut [[[f32; LANES]; 2]; 7]) {
     for (k, d) in DIRECTIONS.iter().enumerate() {

@@ -21,7 +21,7 @@ pub struct Material {
 
 /// What an entry is made of.
 #[derive(Debug, Clone)]
-pub enum Shape {
+pub enum Body {
     /// A mesh and its object-to-world transform.
     Mesh(Arc<TriMesh>, DAffine3),
     /// World-space centres and radii.
@@ -34,7 +34,7 @@ pub struct Entry {
     /// Its name, unique in the scene.
     pub name: String,
     /// What it is made of.
-    pub shape: Shape,
+    pub shape: Body,
     /// How it looks.
     pub material: Material,
 }

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::frame::{self, Frame, Solid};
-use crate::geometry::entry::{Entry, Material, Shape};
+use crate::geometry::entry::{Body, Entry, Material};
 use crate::mesh::TriMesh;
 
 /// The triangles of one entry.
@@ -81,7 +81,7 @@ impl Geometry {
         let mut bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for (entry, e) in entries.iter().enumerate() {
             match &e.shape {
-                Shape::Mesh(mesh, transform) => {
+                Body::Mesh(mesh, transform) => {
                     let count = faces.len() + mesh.faces().len();
                     let limit = u32::MAX as usize / 4;
                     if count > limit || first_vertex + mesh.vertices().len() > limit {
@@ -123,7 +123,7 @@ impl Geometry {
                     first_vertex += moved.len();
                     world.push(moved);
                 }
-                Shape::Spheres(spheres) => {
+                Body::Spheres(spheres) => {
                     for &(c, r) in spheres.iter() {
                         bounds = union(bounds, (c - r, c + r));
                     }
@@ -141,10 +141,10 @@ impl Geometry {
         let solids: Vec<Solid> = entries
             .iter()
             .map(|e| match &e.shape {
-                Shape::Mesh(mesh, _) => {
+                Body::Mesh(mesh, _) => {
                     Solid::Mesh(vertices.next().map_or(&[], Vec::as_slice), mesh.faces())
                 }
-                Shape::Spheres(spheres) => Solid::Spheres(spheres),
+                Body::Spheres(spheres) => Solid::Spheres(spheres),
             })
             .collect();
         let mut frame = frame.unwrap_or_else(|| frame::choose(bounds.0, bounds.1, &solids));
@@ -166,7 +166,7 @@ impl Geometry {
         }
         let mut spheres = Vec::new();
         for (entry, e) in entries.iter().enumerate() {
-            let Shape::Spheres(list) = &e.shape else {
+            let Body::Spheres(list) = &e.shape else {
                 continue;
             };
             spheres.extend(list.iter().enumerate().map(|(index, &(c, r))| Sphere {
@@ -186,7 +186,8 @@ impl Geometry {
         })
     }
 
-    /// The same triangles and looks with all positions moved by `f`; spheres, which would be none, stay where they are.
+    /// A geometry with the same triangles and looks and all positions moved by `f`; spheres, which would be none, stay
+    /// where they are.
     pub fn mapped(&self, f: impl Fn(DVec3) -> DVec3 + Sync) -> Geometry {
         let moved = |p: &Vec3| f(p.as_dvec3()).as_vec3();
         Geometry {
@@ -222,7 +223,7 @@ impl Geometry {
         &self.meshes[self.meshes.partition_point(|m| m.first_face <= face) - 1]
     }
 
-    /// As [`Geometry::mesh_of`], of triangles that mostly belong to the mesh of the one before.
+    /// The mesh as [`Geometry::mesh_of`] finds it, for triangles that mostly belong to the mesh of the one before.
     pub fn mesh_after<'a>(&'a self, last: &mut Option<&'a MeshRange>, face: u32) -> &'a MeshRange {
         match *last {
             Some(mesh) if face.wrapping_sub(mesh.first_face) < mesh.faces => mesh,

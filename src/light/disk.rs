@@ -6,12 +6,12 @@ use glam::DVec3;
 
 use super::contour;
 use super::falloff::beyond_line_over_disk;
-use super::{Light, Shape, Sphere, check_finite, check_radius, unit};
+use super::{Light, Shape, SphereLight, check_finite, check_radius, unit};
 use crate::error::{Error, Result};
 
 /// A disk emitting towards `normal`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Disk {
+pub struct DiskLight {
     /// Its middle.
     pub center: DVec3,
     /// Emitting side, unit length.
@@ -32,7 +32,7 @@ impl Light {
         };
         check_radius("DiskLight", radius)?;
         Ok(Light {
-            shape: Shape::Disk(Disk {
+            shape: Shape::Disk(DiskLight {
                 center,
                 normal,
                 radius,
@@ -42,13 +42,13 @@ impl Light {
     }
 }
 
-impl Disk {
+impl DiskLight {
     pub(super) fn mapped(
         &self,
         point: impl Fn(DVec3) -> DVec3,
         length: impl Fn(f64) -> f64,
     ) -> Shape {
-        Shape::Disk(Disk {
+        Shape::Disk(DiskLight {
             center: point(self.center),
             normal: self.normal,
             radius: length(self.radius),
@@ -65,7 +65,7 @@ impl Disk {
         Some(self.normal)
     }
 
-    pub(super) fn as_sphere(&self) -> Option<Sphere> {
+    pub(super) fn as_sphere(&self) -> Option<SphereLight> {
         None
     }
 

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3};
 
-use crate::light::reach::Outline;
+use crate::light::reach::LightOutline;
 
 /// Fraction of a disk on the positive side of a line, its centre at `x` radii (-1 to 1) on that side.
 pub(crate) fn beyond_line_over_disk(x: f64) -> f64 {
@@ -39,22 +39,22 @@ pub enum Falloff {
 }
 
 impl Falloff {
-    /// Visibility, 0 to 1, where `s` of the width is beyond the edge; `part` as of [`Outline::radius`].
+    /// Visibility, 0 to 1, where `s` of the width is beyond the edge; `part` as of [`LightOutline::radius`].
     #[inline(always)]
-    pub fn visible(self, s: f64, part: f64, outline: &Outline) -> f64 {
+    pub fn visible(self, s: f64, part: f64, outline: &LightOutline) -> f64 {
         if s >= 1.0 {
             return 1.0;
         }
         match (self, outline) {
             (Falloff::Linear, _) => s.max(0.0),
             (Falloff::Smooth, _) => (s * s * (3.0 - 2.0 * s)).clamp(0.0, 1.0),
-            (Falloff::Light, Outline::Rect(..)) => beyond_line_over_rectangle(s, part),
+            (Falloff::Light, LightOutline::Rect(..)) => beyond_line_over_rectangle(s, part),
             (Falloff::Light, _) => beyond_line_over_disk(2.0 * s - 1.0),
         }
     }
 }
 
-/// A half-plane that hides a part of the light, as [`Outline::radius`] sees its border.
+/// A half-plane that hides a part of the light, as [`LightOutline::radius`] sees its border.
 #[derive(Clone, Copy)]
 pub struct Cut {
     /// The image normal `n` to the lit side at the image point `q`, as `(n, -n·q)`.
@@ -66,14 +66,14 @@ pub struct Cut {
 
 impl Cut {
     /// The part of the light that two half-planes both hide.
-    pub fn both(self, other: Cut, outline: &Outline) -> f64 {
+    pub fn both(self, other: Cut, outline: &LightOutline) -> f64 {
         let (a, b) = (self.gradient, other.gradient);
         let (aa, ab, bb) = match *outline {
-            Outline::Rect(u, v) => {
+            LightOutline::Rect(u, v) => {
                 let on = |c: Cut| (DVec2::new(c.gradient.dot(u), c.gradient.dot(v)), c.offset);
                 return both_over_square(on(self), on(other));
             }
-            Outline::Disk(m, radius) => {
+            LightOutline::Disk(m, radius) => {
                 let (am, bm) = (a.dot(m), b.dot(m));
                 let squared = radius * radius;
                 (
@@ -82,7 +82,7 @@ impl Cut {
                     squared * (b.dot(b) - bm * bm),
                 )
             }
-            Outline::Sphere(radius) => {
+            LightOutline::Sphere(radius) => {
                 let squared = radius * radius;
                 (squared * a.dot(a), squared * a.dot(b), squared * b.dot(b))
             }
@@ -150,7 +150,7 @@ mod tests {
         let n = 1000;
         let at = |i: i32| (f64::from(i) + 0.5) / f64::from(n) - 0.5;
         for part in [0.0, 0.1, 0.5] {
-            let outline = Outline::Rect(DVec3::X, DVec3::Y);
+            let outline = LightOutline::Rect(DVec3::X, DVec3::Y);
             for s in [0.03, 0.3, 0.5, 0.8, 1.0] {
                 let beyond = |i: i32, j: i32| (1.0 - part) * at(i) + part * at(j) + 0.5 < s;
                 let count = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
@@ -164,7 +164,7 @@ mod tests {
                 );
             }
         }
-        let disk = Outline::Sphere(1.0);
+        let disk = LightOutline::Sphere(1.0);
         let samples = (0..n).flat_map(|i| (0..n).map(move |j| (2.0 * at(i), 2.0 * at(j))));
         let inside: Vec<f64> = samples
             .filter(|(x, y)| x * x + y * y < 1.0)
@@ -186,15 +186,15 @@ mod tests {
         let e = m.any_orthonormal_vector() * 0.4;
         let round = [e, m.cross(e)];
         let outlines = [
-            (Outline::Rect(u, v), [u, v]),
-            (Outline::Disk(m, 0.4), round),
+            (LightOutline::Rect(u, v), [u, v]),
+            (LightOutline::Disk(m, 0.4), round),
             // Seen along its axis.
-            (Outline::Sphere(0.4), [DVec3::X * 0.4, DVec3::Y * 0.4]),
+            (LightOutline::Sphere(0.4), [DVec3::X * 0.4, DVec3::Y * 0.4]),
         ];
         for (outline, axes) in outlines {
-            let round = !matches!(outline, Outline::Rect(..));
+            let round = !matches!(outline, LightOutline::Rect(..));
             let q = match outline {
-                Outline::Sphere(_) => DVec2::ZERO,
+                LightOutline::Sphere(_) => DVec2::ZERO,
                 _ => DVec2::new(0.3, -0.2),
             };
             for (turn, x, y) in (0..13)
@@ -235,7 +235,10 @@ mod tests {
 
     #[test]
     fn every_falloff_runs_from_dark_to_lit_through_one_half() {
-        let outlines = [Outline::Sphere(1.0), Outline::Rect(DVec3::X, DVec3::Y)];
+        let outlines = [
+            LightOutline::Sphere(1.0),
+            LightOutline::Rect(DVec3::X, DVec3::Y),
+        ];
         for falloff in [Falloff::Light, Falloff::Linear, Falloff::Smooth] {
             for outline in &outlines {
                 let value = |s| falloff.visible(s, 0.3, outline);

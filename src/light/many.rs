@@ -5,7 +5,7 @@ use fearless_simd::dispatch;
 use glam::DVec3;
 
 use super::contour::{edge, rect_corners, sphere_irradiance};
-use super::{Light, Rect, Shape, Sphere};
+use super::{Light, RectLight, Shape, SphereLight};
 use crate::simd::detect;
 
 /// Receivers at once.
@@ -13,7 +13,7 @@ pub(crate) const MOST: usize = 64;
 
 /// Lights whose share on a receiver needs no branches where all of it is above the tangent plane.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Outline {
+pub(crate) enum Branchless {
     /// A rectangle, by centre and edges.
     Rect(DVec3, DVec3, DVec3),
     /// A sphere, by centre and radius.
@@ -66,16 +66,16 @@ impl Many {
     }
 
     /// Finds heights, and irradiances if wanted.
-    fn find(&mut self, outline: Outline, irradiance: bool) {
+    fn find(&mut self, simple: Branchless, irradiance: bool) {
         let many = self;
-        match (outline, irradiance) {
-            (Outline::Rect(center, u, v), false) => {
+        match (simple, irradiance) {
+            (Branchless::Rect(center, u, v), false) => {
                 dispatch!(detect(), _ => rect_height(many, center, u, v))
             }
-            (Outline::Rect(center, u, v), true) => {
+            (Branchless::Rect(center, u, v), true) => {
                 dispatch!(detect(), _ => rect_irradiance(many, center, u, v))
             }
-            (Outline::Sphere(center, radius), _) => {
+            (Branchless::Sphere(center, radius), _) => {
                 dispatch!(detect(), _ => sphere(many, center, radius))
             }
         }
@@ -165,17 +165,19 @@ impl Light {
         irradiance: bool,
         mut each: impl FnMut(usize, DVec3, DVec3, Option<f64>),
     ) {
-        let outline = match self.shape {
-            Shape::Rect(Rect { center, u, v }) => Some(Outline::Rect(center, u, v)),
-            Shape::Sphere(Sphere { center, radius }) => Some(Outline::Sphere(center, radius)),
+        let simple = match self.shape {
+            Shape::Rect(RectLight { center, u, v }) => Some(Branchless::Rect(center, u, v)),
+            Shape::Sphere(SphereLight { center, radius }) => {
+                Some(Branchless::Sphere(center, radius))
+            }
             Shape::Disk(..) => None,
         };
-        if let Some(outline) = outline {
-            many.find(outline, irradiance);
+        if let Some(simple) = simple {
+            many.find(simple, irradiance);
         }
         for i in 0..many.count {
             let (p, n) = many.at(i);
-            let whole = outline.is_some() && many.height[i] > 0.0 && self.emits_towards(p);
+            let whole = simple.is_some() && many.height[i] > 0.0 && self.emits_towards(p);
             each(i, p, n, whole.then_some(many.irradiance[i]));
         }
     }

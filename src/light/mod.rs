@@ -24,9 +24,9 @@ use glam::{DVec3, Vec3};
 
 use crate::error::{Error, Result};
 use crate::frame::{Frame, POINT_OFFSET};
-pub use disk::Disk;
-pub use rect::Rect;
-pub use sphere::Sphere;
+pub use disk::DiskLight;
+pub use rect::RectLight;
+pub use sphere::SphereLight;
 
 /// Local distance, in scene sizes, at which farther lights are put, along the same line and under the same angle: they
 /// differ by less than a ten-thousandth of an `f32`'s ulp, and products of coordinates stay finite.
@@ -39,11 +39,11 @@ const POINT: f64 = f32::EPSILON as f64;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     /// A parallelogram.
-    Rect(Rect),
+    Rect(RectLight),
     /// A disk.
-    Disk(Disk),
+    Disk(DiskLight),
     /// A sphere.
-    Sphere(Sphere),
+    Sphere(SphereLight),
 }
 
 /// What the shape of a light answers.
@@ -85,12 +85,12 @@ impl Light {
     pub fn point_at(&self, point: DVec3) -> Light {
         let (center, radius) = (point, 0.0);
         let shape = match self.normal() {
-            Some(normal) => Shape::Disk(Disk {
+            Some(normal) => Shape::Disk(DiskLight {
                 center,
                 normal,
                 radius,
             }),
-            None => Shape::Sphere(Sphere { center, radius }),
+            None => Shape::Sphere(SphereLight { center, radius }),
         };
         Light { shape, ..*self }
     }
@@ -130,7 +130,7 @@ impl Light {
     }
 
     /// The light, if it is a sphere and not flat.
-    pub fn as_sphere(&self) -> Option<Sphere> {
+    pub fn as_sphere(&self) -> Option<SphereLight> {
         of_shape!(self, shape => shape.as_sphere())
     }
 
@@ -190,7 +190,7 @@ impl Light {
     }
 
     /// Slopes `s` of the two planes through a line that touch the light, by their normals `κ + s µ`: the line goes
-    /// through `point` across `κ` and `µ`, and the light's middle is at `distance` from it, along `µ`. Nothing where
+    /// through `point` across `κ` and `µ`, and the light's middle is at `distance` from it, along `µ`. No slopes where
     /// the line meets the light.
     fn slopes(&self, point: DVec3, distance: f64, axes: [DVec3; 2]) -> Option<[f64; 2]> {
         of_shape!(self, shape => shape.slopes(point, distance, axes))

@@ -2,11 +2,11 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::{Disk, Light, Rect, Shape, Sphere};
+use super::{DiskLight, Light, RectLight, Shape, SphereLight};
 
 /// How far a light reaches from its centre, in a view's coordinates.
 #[derive(Debug, Clone, Copy)]
-pub enum Outline {
+pub enum LightOutline {
     /// Half edges.
     Rect(DVec3, DVec3),
     /// Normal and radius.
@@ -15,14 +15,16 @@ pub enum Outline {
     Sphere(f64),
 }
 
-impl Outline {
+impl LightOutline {
     pub(crate) fn new(light: &Light, rotation: DMat3) -> Self {
         match light.shape {
-            Shape::Rect(Rect { u, v, .. }) => {
-                Outline::Rect(rotation * (0.5 * u), rotation * (0.5 * v))
+            Shape::Rect(RectLight { u, v, .. }) => {
+                LightOutline::Rect(rotation * (0.5 * u), rotation * (0.5 * v))
             }
-            Shape::Disk(Disk { normal, radius, .. }) => Outline::Disk(rotation * normal, radius),
-            Shape::Sphere(Sphere { radius, .. }) => Outline::Sphere(radius),
+            Shape::Disk(DiskLight { normal, radius, .. }) => {
+                LightOutline::Disk(rotation * normal, radius)
+            }
+            Shape::Sphere(SphereLight { radius, .. }) => LightOutline::Sphere(radius),
         }
     }
 
@@ -34,23 +36,23 @@ impl Outline {
     pub fn radius(&self, normal: DVec2, at: DVec2) -> (f64, f64) {
         let g = normal.extend(-normal.dot(at));
         match *self {
-            Outline::Rect(u, v) => {
+            LightOutline::Rect(u, v) => {
                 let (a, b) = (g.dot(u).abs(), g.dot(v).abs());
                 let sum = a + b;
                 (sum, if sum > 0.0 { a.min(b) / sum } else { 0.0 })
             }
-            Outline::Disk(m, radius) => {
+            LightOutline::Disk(m, radius) => {
                 let across = g.length_squared() - g.dot(m).powi(2);
                 (radius * across.max(0.0).sqrt(), 0.0)
             }
-            Outline::Sphere(radius) => (radius * g.length(), 0.0),
+            LightOutline::Sphere(radius) => (radius * g.length(), 0.0),
         }
     }
 
     pub(crate) fn widest(&self) -> f64 {
         match *self {
-            Outline::Rect(u, v) => u.length() + v.length(),
-            Outline::Disk(_, radius) | Outline::Sphere(radius) => radius,
+            LightOutline::Rect(u, v) => u.length() + v.length(),
+            LightOutline::Disk(_, radius) | LightOutline::Sphere(radius) => radius,
         }
     }
 }

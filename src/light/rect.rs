@@ -3,12 +3,12 @@
 use glam::DVec3;
 
 use super::contour::{self, rect_corners};
-use super::{Light, Shape, Sphere, check_finite};
+use super::{Light, Shape, SphereLight, check_finite};
 use crate::error::{Error, Result};
 
 /// A parallelogram with full edge vectors, emitting towards `u × v`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rect {
+pub struct RectLight {
     /// Its middle.
     pub center: DVec3,
     /// First edge.
@@ -41,19 +41,19 @@ impl Light {
             return Err(Error::parameter("RectLight", reason));
         }
         Ok(Light {
-            shape: Shape::Rect(Rect { center, u, v }),
+            shape: Shape::Rect(RectLight { center, u, v }),
             radiance,
         })
     }
 }
 
-impl Rect {
+impl RectLight {
     pub(super) fn mapped(
         &self,
         point: impl Fn(DVec3) -> DVec3,
         length: impl Fn(f64) -> f64,
     ) -> Shape {
-        Shape::Rect(Rect {
+        Shape::Rect(RectLight {
             center: point(self.center),
             u: self.u.map(&length),
             v: self.v.map(&length),
@@ -69,7 +69,7 @@ impl Rect {
         Some(self.u.cross(self.v).normalize())
     }
 
-    pub(super) fn as_sphere(&self) -> Option<Sphere> {
+    pub(super) fn as_sphere(&self) -> Option<SphereLight> {
         None
     }
 

@@ -10,7 +10,7 @@ use crate::error::Result;
 
 /// A sphere emitting outwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sphere {
+pub struct SphereLight {
     /// Its middle.
     pub center: DVec3,
     /// Radius, may be zero.
@@ -26,19 +26,19 @@ impl Light {
         check_finite("SphereLight", &[center, DVec3::splat(radius)])?;
         check_radius("SphereLight", radius)?;
         Ok(Light {
-            shape: Shape::Sphere(Sphere { center, radius }),
+            shape: Shape::Sphere(SphereLight { center, radius }),
             radiance,
         })
     }
 }
 
-impl Sphere {
+impl SphereLight {
     pub(super) fn mapped(
         &self,
         point: impl Fn(DVec3) -> DVec3,
         length: impl Fn(f64) -> f64,
     ) -> Shape {
-        Shape::Sphere(Sphere {
+        Shape::Sphere(SphereLight {
             center: point(self.center),
             radius: length(self.radius),
         })
@@ -53,7 +53,7 @@ impl Sphere {
         None
     }
 
-    pub(super) fn as_sphere(&self) -> Option<Sphere> {
+    pub(super) fn as_sphere(&self) -> Option<SphereLight> {
         Some(*self)
     }
 

@@ -48,7 +48,7 @@ pub fn tangents(light: &Light, point: DVec3, axis: DVec3, outside: DVec3) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::light::{Disk, Rect, Shape, Sphere};
+    use crate::light::{DiskLight, RectLight, Shape, SphereLight};
     use std::f64::consts::TAU;
 
     /// Points on the outline of a light, or all over a sphere.
@@ -62,12 +62,12 @@ mod tests {
             )
         };
         match light.shape {
-            Shape::Rect(Rect { center, u, v }) => {
+            Shape::Rect(RectLight { center, u, v }) => {
                 [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
                     .map(|(s, t)| center + s * u + t * v)
                     .to_vec()
             }
-            Shape::Disk(Disk {
+            Shape::Disk(DiskLight {
                 center,
                 normal,
                 radius,
@@ -78,7 +78,7 @@ mod tests {
                     .map(|i| center + radius * (turn(i).x * e + turn(i).y * f))
                     .collect()
             }
-            Shape::Sphere(Sphere { center, radius }) => (0..n)
+            Shape::Sphere(SphereLight { center, radius }) => (0..n)
                 .flat_map(|i| (0..=n).map(move |j| (i, j)))
                 .map(|(i, j)| {
                     let z = 2.0 * j as f64 / n as f64 - 1.0;

@@ -94,11 +94,11 @@ fn brute_force(light: &Light, p: DVec3, n: DVec3, steps: usize) -> (f64, f64) {
                 (j as f64 + 0.5) / steps as f64,
             );
             let (direction, weight) = match light.shape {
-                Shape::Rect(Rect { center, u, v }) => {
+                Shape::Rect(RectLight { center, u, v }) => {
                     let r = center + (s - 0.5) * u + (t - 0.5) * v - p;
                     (r, -u.cross(v).dot(r) / r.length().powi(3))
                 }
-                Shape::Disk(Disk {
+                Shape::Disk(DiskLight {
                     center,
                     normal,
                     radius,
@@ -112,7 +112,7 @@ fn brute_force(light: &Light, p: DVec3, n: DVec3, steps: usize) -> (f64, f64) {
                         -normal.dot(r) * PI * radius * radius / r.length().powi(3),
                     )
                 }
-                Shape::Sphere(Sphere { center, radius }) => {
+                Shape::Sphere(SphereLight { center, radius }) => {
                     let d = center - p;
                     let w = d.normalize();
                     let e1 = w.any_orthonormal_vector();

@@ -307,7 +307,7 @@ impl<'a> Region<'a> {
 
 /// A receiver's light samples, where they fall in a map, and what is left of them.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct RegionScratch {
     /// The light samples.
     pub samples: LightSamples,
     /// Transmittance to each.
@@ -318,7 +318,7 @@ pub struct Scratch {
     pub places: [Vec<Row>; 2],
 }
 
-impl Scratch {
+impl RegionScratch {
     /// Begins with a receiver whose samples were filled in.
     pub fn start(&mut self) {
         let rows = self.samples.valid.len();

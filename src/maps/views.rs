@@ -22,7 +22,7 @@ use crate::casters::behind::{chunks, with_nothing_behind};
 use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::light::reach::Outline;
+use crate::light::reach::LightOutline;
 
 /// Largest tangent of the angle off a single view's axis: beyond it a texel in the middle sees ten times the
 /// solid angle per texel that one at the border does, and a cube's faces are better.
@@ -45,7 +45,7 @@ pub struct View {
     /// Its reciprocal.
     pub texel_size: f64,
     /// The light as seen along this view.
-    pub outline: Outline,
+    pub outline: LightOutline,
     /// Inverse depth of the farthest surface in the scene.
     pub inverse_far: f64,
     /// The only triangles that it holds, if not all that cast.
@@ -60,7 +60,7 @@ impl View {
         (DVec2::new(h.x / h.z, h.y / h.z), h.z)
     }
 
-    /// From texels to the image of focal length 1.
+    /// The map from texels to the image of focal length 1.
     #[inline(always)]
     pub fn tangents(&self, q: DVec2) -> DVec2 {
         let k = &self.camera.intrinsics.z_axis;
@@ -137,8 +137,8 @@ impl Extent {
         self.near == f64::INFINITY && !self.open
     }
 
-    /// Of a triangle, cut to `|x|, |y| <= limit z` as far as its corners tell; with no limit, what is beside or
-    /// behind the eye counts too.
+    /// The extent of a triangle, cut to `|x|, |y| <= limit z` as far as its corners tell; with no limit, what is beside
+    /// or behind the eye counts too.
     #[inline(always)]
     pub(crate) fn of(corners: [DVec3; 3], limit: Option<f64>) -> Extent {
         let [a, b, c] = corners;
@@ -187,7 +187,7 @@ struct Parts {
 }
 
 impl Parts {
-    /// Of `faces` without some (in order) of them.
+    /// The parts of `faces`, less the triangles in `without`, which is sorted.
     fn new(geometry: &Geometry, faces: &[Range<u32>], without: &[u32]) -> Self {
         let mut parts = Parts {
             points: Vec::new(),
@@ -263,7 +263,7 @@ fn look(along: DVec3) -> DMat3 {
 /// The views that hold everything that casts.
 ///
 /// # Errors
-/// None for a light and a scene that were checked; those of [`Camera::new`] otherwise.
+/// No error for a light and a scene that were checked; the errors of [`Camera::new`] otherwise.
 pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<View>> {
     let geometry = casters.geometry();
     let eye = light.center();
@@ -300,7 +300,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
         .map(|p| (p.as_dvec3() - eye).length_squared())
         .reduce(|| 0.0, f64::max)
         .sqrt();
-    let widest = Outline::new(light, rotation).widest();
+    let widest = LightOutline::new(light, rotation).widest();
     let margin = |near: f64| (widest * (1.0 / near - 1.0 / far).max(0.0)).min(MARGIN);
     let make = |resolution: u32, rotation: DMat3, low: DVec2, high: DVec2, only| -> Result<View> {
         let size = high - low;
@@ -318,7 +318,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
             camera: Camera::new(k, rotation.transpose(), eye, w, h)?,
             focal,
             texel_size: 1.0 / focal,
-            outline: Outline::new(light, rotation),
+            outline: LightOutline::new(light, rotation),
             inverse_far: 1.0 / far,
             only,
         })
@@ -379,7 +379,7 @@ pub fn views(light: &Light, casters: &Casters, resolution: u32) -> Result<Vec<Vi
     Ok(out)
 }
 
-/// Of cameras that look from around `center` the one that a local point is most central in, by its place.
+/// The place of the camera that a local point is most central in, of `cameras` that look from around `center`.
 pub fn most_central<'a>(
     cameras: impl ExactSizeIterator<Item = &'a Camera>,
     center: DVec3,

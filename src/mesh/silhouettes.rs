@@ -60,7 +60,7 @@ pub fn side_of(corners: [DVec3; 3], point: DVec3) -> i8 {
     }
 }
 
-/// As [`side_of`], but 0 wherever rounding may have decided.
+/// The sign that [`side_of`] gives, but 0 wherever rounding may have decided.
 #[inline(always)]
 fn filtered(corners: [DVec3; 3], point: DVec3) -> i8 {
     let [a, b, c] = corners;

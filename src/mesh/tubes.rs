@@ -37,7 +37,7 @@ const FOLD: f64 = 1e-12;
 pub struct Tubes {
     /// `sides` vertices around every point of the curves, in their order.
     pub vertices: Vec<DVec3>,
-    /// Of each curve its start, its sides from point to point, its end.
+    /// Faces, curve by curve: of its start, of its sides from point to point, of its end.
     pub faces: Vec<[i64; 3]>,
 }
 

@@ -27,7 +27,7 @@ use crate::textures::atlas::{Atlas, Key, Layout};
 use crate::textures::lookup::Contacts;
 use crate::textures::occluders::Gatherer;
 use crate::textures::pictures::{Painter, Pictures};
-use crate::textures::texture::{Scene, Texture};
+use crate::textures::texture::{Texture, TextureScene};
 
 /// What a texture holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +36,7 @@ pub enum Content {
     Radiance,
     /// The fraction that is seen; the unshadowed light comes from its closed form.
     Modulation,
-    /// The same in eight bits, drawn by adding `(256 - a) / n` for every light point that is seen.
+    /// The same fraction in eight bits, drawn by adding `(256 - a) / n` for every light point that is seen.
     EightBit,
 }
 
@@ -130,7 +130,7 @@ impl Accumulation {
     ) -> Result<Contacts> {
         let side = atlas.side(key);
         let found = atlas.occluders(key, &side, gatherer);
-        let scene = Scene {
+        let scene = TextureScene {
             side,
             light: &atlas.lights[key.light as usize],
             seed: self.seed,

@@ -28,7 +28,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyType};
 
-use crate::error::{Error, Kind};
+use crate::error::{Error, ErrorKind};
 use crate::simd;
 
 #[global_allocator]
@@ -76,14 +76,14 @@ impl From<Error> for PyErr {
     fn from(error: Error) -> PyErr {
         let message = error.to_string();
         match error.kind() {
-            Kind::Scene => SceneError::new_err(message),
-            Kind::Parameter => ParameterError::new_err(message),
-            Kind::Unsupported => UnsupportedError::new_err(message),
-            Kind::Memory => Python::attach(|py| match out_of_memory(py) {
+            ErrorKind::Scene => SceneError::new_err(message),
+            ErrorKind::Parameter => ParameterError::new_err(message),
+            ErrorKind::Unsupported => UnsupportedError::new_err(message),
+            ErrorKind::Memory => Python::attach(|py| match out_of_memory(py) {
                 Ok(class) => PyErr::from_type(class, message),
                 Err(error) => error,
             }),
-            Kind::Cancelled => PyKeyboardInterrupt::new_err(message),
+            ErrorKind::Cancelled => PyKeyboardInterrupt::new_err(message),
         }
     }
 }

@@ -93,7 +93,7 @@ pub(super) fn prepare(
 }
 
 /// One frame, pixel by pixel.
-struct Frame {
+struct FrameArrays {
     visibility: Vec<f32>,
     radiance: Vec<f32>,
     mask: Vec<bool>,
@@ -108,7 +108,7 @@ struct Frame {
 /// Why a visibility may not be a number.
 const TOO_FAR: &str = "it is too far away or too large for single precision";
 
-impl Frame {
+impl FrameArrays {
     /// Nothing that is not a number leaves: sums and products of what users give may overflow.
     fn check_finite(&self, width: usize) -> Result<()> {
         let wrong = |values: &[f32]| values.par_iter().position_first(|v| !v.is_finite());
@@ -255,7 +255,7 @@ impl<'a> Rows<'a> {
 }
 
 impl Ready {
-    fn frame(&self, world: &Camera, control: &Control) -> Result<Frame> {
+    fn frame(&self, world: &Camera, control: &Control) -> Result<FrameArrays> {
         let geometry = &*self.geometry;
         let start = Instant::now();
         let camera = world.to_local(&geometry.frame);
@@ -294,7 +294,7 @@ impl Ready {
         surface: &Surface,
         receivers: &Receivers,
         shadings: &[Shading],
-    ) -> Frame {
+    ) -> FrameArrays {
         let geometry = &*self.geometry;
         let pixels = camera.pixels();
         let (mut radiance, mut position) = (unwritten(3 * pixels), unwritten(3 * pixels));
@@ -367,7 +367,7 @@ impl Ready {
             });
         // SAFETY: `fill` wrote all rows of all arrays.
         unsafe {
-            Frame {
+            FrameArrays {
                 visibility: written(visibility),
                 radiance: written(radiance),
                 mask: written(mask),
@@ -397,7 +397,7 @@ fn check_memory(camera: &Camera, lights: usize) -> Result<()> {
     memory::check(|| format!("Camera: an image of {width} x {height}"), bytes)
 }
 
-/// From the receivers' order to the user's.
+/// Writes values in the receivers' order to the user's order.
 pub(super) fn scatter(receivers: &Receivers, values: &[f32], out: &mut [f32]) {
     for (&i, &v) in receivers.index.iter().zip(values) {
         out[i as usize] = v;

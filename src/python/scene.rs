@@ -50,7 +50,7 @@ impl SharedScene {
         self.with(Scene::snapshot)
     }
 
-    /// As [`SharedScene::snapshot`], in the frame that `lights` want.
+    /// The snapshot of the entries ([`SharedScene::snapshot`]) in the frame that `lights` want.
     pub(super) fn snapshot_for(&self, lights: &[Light]) -> Result<Arc<Snapshot>> {
         self.with(|scene| scene.snapshot_for(lights))
     }

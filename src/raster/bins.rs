@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::depth::Depth;
-use super::setup::{self, Outline};
+use super::setup::{self, ClippedTriangle};
 use super::small::{self, Covered};
 use super::{Sink, TILE, tile_count};
 use crate::camera::Camera;
@@ -54,7 +54,7 @@ pub(super) struct Item {
     pub(super) triangle: u32,
     /// [`Item::WHOLE`], or a pixel that it covers: `x + TILE y` within the tile.
     pub(super) pixel: u32,
-    /// At the pixel.
+    /// Inverse depth at the pixel.
     pub(super) inverse_depth: f64,
 }
 
@@ -101,7 +101,7 @@ pub(super) fn items<S: Sink>(
         .par_chunks(CHUNK)
         .enumerate()
         .map_init(
-            || (Vec::new(), small::Block::new()),
+            || (Vec::new(), small::TriangleBatch::new()),
             |(pairs, block), (c, faces)| {
                 control.check()?;
                 pairs.clear();
@@ -156,7 +156,7 @@ fn reached(
     let [xs, ys] = [0, 1].map(|i| low[i] / TILE..=high[i] / TILE);
     // A long sliver lies in few of the tiles of its bounds.
     let long = xs.end() - xs.start() > 1 && ys.end() - ys.start() > 1;
-    let outline = long.then(|| Outline::new(face, points));
+    let outline = long.then(|| ClippedTriangle::new(face, points));
     for ty in ys {
         let mut xs = xs.clone();
         if let Some(outline) = &outline {

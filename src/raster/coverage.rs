@@ -9,17 +9,17 @@
 use glam::DVec3;
 
 use super::Tile;
-use super::setup::{self, Bounds, EdgeFunction, NEAR, smaller};
+use super::setup::{self, EdgeFunction, NEAR, PixelBounds, smaller};
 use crate::camera::Camera;
 
 /// A point with its place in the image.
 #[derive(Debug, Clone, Copy)]
 pub struct Projected {
-    /// As [`Camera::project`] gives it.
+    /// The point in homogeneous pixel coordinates, as [`Camera::project`] gives it.
     point: DVec3,
-    /// In pixels; nothing where the point is behind the near plane.
+    /// The point's place in the image, in pixels; without meaning where it is behind the near plane.
     screen: [f64; 2],
-    bounds: Bounds,
+    bounds: PixelBounds,
 }
 
 impl Projected {
@@ -29,7 +29,7 @@ impl Projected {
         let point = camera.project(p);
         if point.z >= NEAR {
             let screen = [point.x / point.z, point.y / point.z];
-            let bounds = Bounds::of_point(screen, camera);
+            let bounds = PixelBounds::of_point(screen, camera);
             return Projected {
                 point,
                 screen,
@@ -39,7 +39,7 @@ impl Projected {
         Projected {
             point,
             screen: [0.0; 2],
-            bounds: Bounds::BEHIND,
+            bounds: PixelBounds::BEHIND,
         }
     }
 }
@@ -55,8 +55,8 @@ pub fn cover(
     cover_facing(face, points, camera, false, &mut span);
 }
 
-/// As [`cover`]; with `front` only of a triangle that has a positive area in the image. Of a closed body that
-/// is all in front of the near plane, they cover what all of its triangles do.
+/// Calls `span` as [`cover`] does; with `front` only for a triangle that has a positive area in the image. Of a closed
+/// body that is all in front of the near plane, they cover what all of its triangles do.
 #[inline(always)]
 pub fn cover_facing(
     face: &[u32; 3],
@@ -151,7 +151,7 @@ pub fn triangle([a, b, c]: [u32; 3]) -> Quadrilateral {
 
 /// First and last column and row of the pixels that a face before the near plane can cover; `None` if there are none,
 /// or if it reaches behind.
-pub(super) fn within(face: &Quadrilateral, bounds: &[Bounds]) -> Option<([u32; 2], [u32; 2])> {
+pub(super) fn within(face: &Quadrilateral, bounds: &[PixelBounds]) -> Option<([u32; 2], [u32; 2])> {
     let [a, b, c, d] = face.map(|v| bounds[v as usize]);
     let all = a.and(b).and(c).and(d);
     if all.is_behind() { None } else { all.pixels() }
@@ -162,7 +162,7 @@ impl Rows<4> {
     pub(super) fn each(
         face: &Quadrilateral,
         points: &[DVec3],
-        bounds: &[Bounds],
+        bounds: &[PixelBounds],
         camera: &Camera,
         mut part: impl FnMut(Self),
     ) {
@@ -235,7 +235,7 @@ impl Rows<4> {
 }
 
 impl<const N: usize> Rows<N> {
-    /// Of the pixels inside the edges, between `low` and `high`.
+    /// The rows of pixels inside the edges, between the pixels `low` and `high`; `None` where there are none.
     #[inline(always)]
     fn of(edges: [EdgeFunction; N], low: [u32; 2], high: [u32; 2]) -> Option<Self> {
         let none = |x: f64| Crossings {

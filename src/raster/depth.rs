@@ -5,14 +5,14 @@ use glam::DVec3;
 /// Inverse depth of a triangle in the image.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Depth {
-    /// At `(x, y)` it is `plane · (x, y, 1)`.
+    /// The inverse depth at `(x, y)` is `plane · (x, y, 1)`.
     plane: DVec3,
     /// Least and largest of the corners.
     range: [f64; 2],
 }
 
 impl Depth {
-    /// Of a triangle in front of the near plane.
+    /// The depth plane of a triangle that is all in front of the near plane.
     #[inline(always)]
     pub(super) fn new(corners: &[DVec3; 3]) -> Self {
         let [a, b, c] = corners;
@@ -38,7 +38,7 @@ impl Depth {
         self.range
     }
 
-    /// At a point of the image; kept within the triangle's own range, which only matters for slivers.
+    /// The inverse depth at a point of the image; kept within the triangle's own range, which only matters for slivers.
     #[inline(always)]
     pub(super) fn at(&self, x: f64, y: f64) -> f64 {
         let row = self.plane.y * y + self.plane.z;

@@ -32,7 +32,7 @@ use crate::simd::detect;
 use bins::{Bins, Item};
 use coverage::{Quadrilateral, Rows};
 use nearest::NONE;
-use setup::{Block, Bounds, SHAPES, Setup};
+use setup::{PixelBounds, PixelCentres, SHAPES, Setup};
 
 /// Pixels in a span, the unit that sinks receive.
 pub const SPAN: usize = 8;
@@ -108,7 +108,7 @@ pub fn rasterize<S: Sink>(
     rasterize_on_screen(&points, &screen, faces, keep, camera, control, make)
 }
 
-/// As [`rasterize`], of points in `f64` as [`Camera::project`] gives them.
+/// Draws as [`rasterize`] does, from points in `f64` as [`Camera::project`] gives them.
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
@@ -142,9 +142,9 @@ fn rasterize_on_screen<S: Sink>(
 }
 
 /// What [`cover_projected`] needs to know of a point.
-pub fn project(p: DVec3, camera: &Camera) -> (DVec3, Bounds) {
+pub fn project(p: DVec3, camera: &Camera) -> (DVec3, PixelBounds) {
     let p = camera.project(p);
-    (p, Bounds::of_vertex(p, camera))
+    (p, PixelBounds::of_vertex(p, camera))
 }
 
 /// What becomes of the pixels that polygons cover in one tile.
@@ -159,14 +159,15 @@ pub trait Cover: Send {
     }
 }
 
-/// A face in a tile, and which of [`Parts::rows`] it is drawn by, or [`NONE`].
-type Part = (u32, u32);
+/// A face in a tile, and which of [`TiledPolygons::rows`] it is drawn by, or [`NONE`].
+type TileFace = (u32, u32);
 
 /// Some polygons by tile.
-struct Parts {
-    /// Of those that lie in several tiles; those of one tile are set up there, which saves writing and reading them.
+struct TiledPolygons {
+    /// The rows of polygons that lie in several tiles; the rows of one tile's polygons are set up there, which saves
+    /// writing and reading them.
     rows: Vec<Rows<4>>,
-    bins: Bins<Part>,
+    bins: Bins<TileFace>,
 }
 
 /// Polygons that one task sets up: mostly long ones, of which a scene has thousands.
@@ -178,7 +179,7 @@ const POLYGONS: usize = 512;
 /// [`crate::error::Error::Cancelled`].
 pub fn cover_projected<S: Cover>(
     points: &[DVec3],
-    bounds: &[Bounds],
+    bounds: &[PixelBounds],
     faces: &[Quadrilateral],
     camera: &Camera,
     control: &Control,
@@ -209,7 +210,7 @@ pub fn cover_projected<S: Cover>(
             });
         }
         let bins = Bins::new(&pairs, tiles);
-        Parts { rows, bins }
+        TiledPolygons { rows, bins }
     };
     let chunks: Vec<_> = faces.par_chunks(POLYGONS).enumerate().map(parts).collect();
     control.check()?;
@@ -361,7 +362,7 @@ fn fill_one<S: Simd>(simd: S, setup: &Setup, triangle: u32, tile: Tile, sink: &m
             None => (x_start, x_end),
         };
         while x <= x_end {
-            let block = Block::new(shape, x, y);
+            let block = PixelCentres::new(shape, x, y);
             let within = shape.first(x_end - x + 1, y_end - y + 1);
             let mask = setup.inside(simd, &block, within);
             if mask != 0 {

@@ -82,10 +82,10 @@ pub struct Setup {
 
 /// How the pixels of a block lie: in rows of so many columns.
 #[derive(Debug)]
-pub struct Shape {
+pub struct BlockShape {
     /// Pixels in a row.
     pub columns: u32,
-    /// One bit for each of these.
+    /// Mask of the first row: a bit for each of its pixels.
     pub row: u8,
     /// The first pixel of each row.
     starts: u8,
@@ -94,9 +94,9 @@ pub struct Shape {
 }
 
 /// Blocks of 1, 2, 4 and 8 columns.
-pub static SHAPES: [Shape; 4] = [shape(1), shape(2), shape(4), shape(8)];
+pub static SHAPES: [BlockShape; 4] = [shape(1), shape(2), shape(4), shape(8)];
 
-const fn shape(columns: u32) -> Shape {
+const fn shape(columns: u32) -> BlockShape {
     let (mut x, mut y, mut starts) = ([0.0; SPAN], [0.0; SPAN], 0);
     let mut i = 0;
     while i < SPAN as u32 {
@@ -107,7 +107,7 @@ const fn shape(columns: u32) -> Shape {
         i += 1;
     }
     let row = (u8::MAX as u32 >> (8 - columns)) as u8;
-    Shape {
+    BlockShape {
         columns,
         row,
         starts,
@@ -116,7 +116,7 @@ const fn shape(columns: u32) -> Shape {
     }
 }
 
-impl Shape {
+impl BlockShape {
     /// The pixels in the first so many columns and rows.
     #[inline(always)]
     pub fn first(&self, columns: u32, rows: u32) -> u8 {
@@ -128,17 +128,17 @@ impl Shape {
 }
 
 /// Centres of [`SPAN`] pixels.
-pub struct Block {
+pub struct PixelCentres {
     pub(super) x: [f64; SPAN],
     pub(super) y: [f64; SPAN],
 }
 
-impl Block {
+impl PixelCentres {
     /// A block with its first pixel at `(x, y)`.
     #[inline(always)]
-    pub fn new(shape: &Shape, x: u32, y: u32) -> Self {
+    pub fn new(shape: &BlockShape, x: u32, y: u32) -> Self {
         let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
-        Block {
+        PixelCentres {
             x: std::array::from_fn(|i| x + shape.x[i]),
             y: std::array::from_fn(|i| y + shape.y[i]),
         }
@@ -147,7 +147,7 @@ impl Block {
 
 /// Where an edge crosses the rows of pixels.
 #[derive(Clone, Copy)]
-pub struct Crossing {
+pub struct RowCrossing {
     first: f64,
     slope: f64,
     above: bool,
@@ -157,7 +157,7 @@ pub struct Crossing {
 /// where the first is beyond the last. Long slanted slivers fill little of their bounds, and miss the
 /// pixels' centres in most rows.
 #[inline(always)]
-pub fn columns(crossings: &[Crossing; 3], y: u32, first: u32, last: u32) -> (u32, u32) {
+pub fn columns(crossings: &[RowCrossing; 3], y: u32, first: u32, last: u32) -> (u32, u32) {
     let (mut low, mut high) = (f64::from(first), f64::from(last));
     for c in crossings {
         let x = c.first + c.slope * f64::from(y);
@@ -194,17 +194,17 @@ impl Setup {
     /// Where the edges cross rows: for each edge the column in row 0 and its change from row to row, and more
     /// than rounding can be wrong by; positive `dy` bound from above, negative from below.
     #[inline(always)]
-    pub fn crossings(&self) -> [Crossing; 3] {
+    pub fn crossings(&self) -> [RowCrossing; 3] {
         self.edges.map(|e| {
             let (first, slope, margin) = e.crossing();
             if e.dy > 0.0 {
-                Crossing {
+                RowCrossing {
                     first: first + margin,
                     slope,
                     above: true,
                 }
             } else {
-                Crossing {
+                RowCrossing {
                     first: first - margin,
                     slope,
                     above: false,
@@ -215,7 +215,7 @@ impl Setup {
 
     /// Which of the pixels `within` a block are inside.
     #[inline(always)]
-    pub fn inside<S: Simd>(&self, simd: S, block: &Block, within: u8) -> u8 {
+    pub fn inside<S: Simd>(&self, simd: S, block: &PixelCentres, within: u8) -> u8 {
         // Smallest edge function, and smallest distance of one from what could be rounding.
         let (mut inside, mut clear) = ([f64::INFINITY; SPAN], [f64::INFINITY; SPAN]);
         for e in &self.edges {
@@ -236,7 +236,7 @@ impl Setup {
     }
 
     #[cold]
-    fn inside_exact(&self, block: &Block) -> u8 {
+    fn inside_exact(&self, block: &PixelCentres) -> u8 {
         (0..SPAN).fold(0, |mask, i| {
             let p = [block.x[i], block.y[i]];
             let inside = self.edges.iter().all(|e| e.contains_exactly(p));
@@ -246,7 +246,7 @@ impl Setup {
 
     /// Inverse depths of a block's pixels, and as many numbers more.
     #[inline(always)]
-    pub fn inverse_depth(&self, block: &Block) -> [f64; 2 * SPAN] {
+    pub fn inverse_depth(&self, block: &PixelCentres) -> [f64; 2 * SPAN] {
         let mut out = [0.0; 2 * SPAN];
         for (i, out) in out[..SPAN].iter_mut().enumerate() {
             *out = self.depth.at(block.x[i], block.y[i]);
@@ -264,18 +264,18 @@ pub(super) fn smaller(a: f64, b: f64) -> f64 {
 /// Pixels whose centres can be covered: first column and row, last column and row negated, so that the
 /// bounds of several are their minima.
 #[derive(Debug, Clone, Copy)]
-pub struct Bounds([i32; 4]);
+pub struct PixelBounds([i32; 4]);
 
-impl Bounds {
-    /// Of a point behind the near plane, where the image says nothing.
-    pub(super) const BEHIND: Bounds = Bounds([i32::MIN; 4]);
+impl PixelBounds {
+    /// The bounds of a point behind the near plane, whose place in the image has no meaning.
+    pub(super) const BEHIND: PixelBounds = PixelBounds([i32::MIN; 4]);
 
     /// Bounds of a vertex, as [`Camera::project`] gives it.
     pub fn of_vertex(p: DVec3, camera: &Camera) -> Self {
         if p.z >= NEAR {
-            Bounds::of_point([p.x / p.z, p.y / p.z], camera)
+            PixelBounds::of_point([p.x / p.z, p.y / p.z], camera)
         } else {
-            Bounds::BEHIND
+            PixelBounds::BEHIND
         }
     }
 
@@ -283,18 +283,18 @@ impl Bounds {
     pub(super) fn of_point(p: [f64; 2], camera: &Camera) -> Self {
         let (first_x, last_x) = centres(p[0], camera.width);
         let (first_y, last_y) = centres(p[1], camera.height);
-        Bounds([first_x, first_y, -last_x, -last_y])
+        PixelBounds([first_x, first_y, -last_x, -last_y])
     }
 
     #[inline(always)]
-    pub(super) fn and(self, o: Bounds) -> Bounds {
-        Bounds(std::array::from_fn(|i| self.0[i].min(o.0[i])))
+    pub(super) fn and(self, o: PixelBounds) -> PixelBounds {
+        PixelBounds(std::array::from_fn(|i| self.0[i].min(o.0[i])))
     }
 
     /// Whether some of it is behind the near plane.
     #[inline(always)]
     pub(super) fn is_behind(self) -> bool {
-        self.0 == Bounds::BEHIND.0
+        self.0 == PixelBounds::BEHIND.0
     }
 
     /// First and last column and row, if there are any.
@@ -306,8 +306,8 @@ impl Bounds {
     }
 }
 
-/// Of `size` pixels, the first with its centre at `x` or after it (`size` if none) and the last with its
-/// centre at `x` or before (-1 if none).
+/// The first of `size` pixels with its centre at `x` or after it (`size` if none) and the last with its centre at `x`
+/// or before (-1 if none).
 #[inline(always)]
 fn centres(x: f64, size: u32) -> (i32, i32) {
     // What is not a number bounds nothing.
@@ -332,22 +332,22 @@ pub(super) fn pixels_of(
     let (polygon, n) = in_front(face, &face.map(|v| points[v as usize]));
     let corners = polygon[..n].iter();
     corners
-        .map(|p| Bounds::of_point([p.x / p.z, p.y / p.z], camera))
-        .reduce(Bounds::and)?
+        .map(|p| PixelBounds::of_point([p.x / p.z, p.y / p.z], camera))
+        .reduce(PixelBounds::and)?
         .pixels()
 }
 
 /// The part of a triangle in front of the near plane, in the image.
-pub struct Outline {
+pub struct ClippedTriangle {
     corners: [[f64; 2]; 4],
     count: usize,
 }
 
-impl Outline {
-    /// Of a triangle whose vertices were projected to `points`.
+impl ClippedTriangle {
+    /// The outline of a triangle whose vertices were projected to `points`.
     pub fn new(face: &[u32; 3], points: &[DVec3]) -> Self {
         let (polygon, count) = in_front(face, &face.map(|v| points[v as usize]));
-        Outline {
+        ClippedTriangle {
             corners: polygon.map(|p| [p.x / p.z, p.y / p.z]),
             count,
         }
@@ -400,7 +400,7 @@ pub fn clipped(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> [Option<Se
     clipped_corners(face, &face.map(|v| points[v as usize]), camera)
 }
 
-/// As [`clipped`], of a triangle's corners.
+/// The polygons of [`clipped`], from a triangle's corners.
 #[cold]
 pub(super) fn clipped_corners(
     face: &[u32; 3],
@@ -446,7 +446,7 @@ fn in_front(face: &[u32; 3], corners: &[DVec3; 3]) -> ([DVec3; 4], usize) {
 #[inline(always)]
 fn one(corners: [DVec3; 3], plane: DVec3, camera: &Camera) -> Option<Setup> {
     let mut s = corners.map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z]);
-    let [a, b, c] = s.map(|p| Bounds::of_point([p[0], p[1]], camera));
+    let [a, b, c] = s.map(|p| PixelBounds::of_point([p[0], p[1]], camera));
     let (low, high) = a.and(b).and(c).pixels()?;
     wind(&mut s)?;
     Some(Setup {

@@ -1,6 +1,6 @@
 //! Triangles of a few pixels, whose pixels are found where they are put into bins.
 //!
-//! In a dense mesh most triangles hold no pixel's centre, or that of one or two. A [`Block`] of them is looked at
+//! In a dense mesh most triangles hold no pixel's centre, or that of one or two. A [`TriangleBatch`] of them is looked at
 //! together: bounds, and the edge functions at the centre of those whose bounds hold one, are loops over columns
 //! of numbers. No edges are kept, and a triangle need not be wound first: inside are the pixels at which all
 //! three edge functions have one sign. The functions are those of [`super::setup`], to the last bit; where one could be
@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use super::SPAN;
 use super::depth::Depth;
-use super::setup::{self, SHAPES, Shape};
+use super::setup::{self, BlockShape, SHAPES};
 use crate::camera::Camera;
 use crate::simd::{detect, positive};
 
@@ -36,32 +36,32 @@ const MORE: u8 = 2;
 
 /// What is known of the pixels that a triangle covers.
 pub(super) enum Covered {
-    /// None.
+    /// The triangle covers no pixel.
     Nothing,
-    /// These. Their depth is known if it was asked for.
-    Few(Pixels, Depth),
-    /// Perhaps some of those between a first and a last column and row.
+    /// The triangle covers these pixels; their depth is there if it was asked for.
+    Few(FewPixels, Depth),
+    /// The triangle covers perhaps some of the pixels between a first and a last column and row.
     Within([u32; 2], [u32; 2]),
     /// Nothing is known.
     Unknown,
 }
 
 /// A few pixels.
-pub(super) struct Pixels {
+pub(super) struct FewPixels {
     low: [u32; 2],
     high: [u32; 2],
-    shape: &'static Shape,
+    shape: &'static BlockShape,
     mask: u16,
 }
 
-impl Pixels {
+impl FewPixels {
     /// First and last column and row.
     pub(super) fn bounds(&self) -> ([u32; 2], [u32; 2]) {
         (self.low, self.high)
     }
 }
 
-impl Iterator for Pixels {
+impl Iterator for FewPixels {
     type Item = [u32; 2];
 
     #[inline(always)]
@@ -85,7 +85,7 @@ pub(super) fn on_screen(p: DVec3) -> [f64; 2] {
 }
 
 /// Triangles that are looked at together, and what is found.
-pub(super) struct Block {
+pub(super) struct TriangleBatch {
     x: [Column<f64>; 3],
     y: [Column<f64>; 3],
     /// First column and row, and the last.
@@ -94,16 +94,16 @@ pub(super) struct Block {
     /// Pixels, as they lie in the shape for their width.
     mask: Column<u16>,
     what: Column<u8>,
-    /// Of triangles of few pixels: their place in the columns that follow.
+    /// For triangles of few pixels, their place in the columns that follow.
     place: Column<u8>,
     /// Projected corners.
     corners: [[Column<f64>; 3]; 3],
     depth: [Depth; BLOCK],
 }
 
-impl Block {
+impl TriangleBatch {
     pub(super) fn new() -> Self {
-        Block {
+        TriangleBatch {
             x: [[f64::NAN; BLOCK]; 3],
             y: [[f64::NAN; BLOCK]; 3],
             low: [[0; BLOCK]; 2],
@@ -128,7 +128,7 @@ impl Block {
         dispatch!(detect(), simd => look_lanes(simd, block, size));
     }
 
-    /// Finds the depth of the triangles of few pixels, of those that [`Block::look`] was given.
+    /// Finds the depth of the triangles of few pixels, of those that [`TriangleBatch::look`] was given.
     pub(super) fn find_depth(&mut self, faces: &[[u32; 3]], points: &[DVec3]) {
         let (mut few, mut count) = ([0; BLOCK], 0);
         for (i, &what) in self.what.iter().enumerate().take(faces.len()) {
@@ -154,7 +154,7 @@ impl Block {
         match self.what[i] {
             NOTHING => Covered::Nothing,
             FEW => {
-                let pixels = Pixels {
+                let pixels = FewPixels {
                     low,
                     high,
                     shape: shape_of(high[0] - low[0] + 1),
@@ -186,7 +186,7 @@ impl Block {
             if done >= rows {
                 break;
             }
-            let block = setup::Block::new(shape, x, y + done);
+            let block = setup::PixelCentres::new(shape, x, y + done);
             let within = shape.first(columns, rows - done);
             let (mut least, mut most) = ([f64::INFINITY; SPAN], [f64::INFINITY; SPAN]);
             let mut clear = [f64::INFINITY; SPAN];
@@ -216,7 +216,7 @@ impl Block {
 
 /// The shape in which pixels of so many columns, at most [`SPAN`], lie.
 #[inline(always)]
-fn shape_of(columns: u32) -> &'static Shape {
+fn shape_of(columns: u32) -> &'static BlockShape {
     &SHAPES[columns.next_power_of_two().trailing_zeros().min(3) as usize]
 }
 
@@ -237,8 +237,8 @@ fn at(from: [f64; 2], along: [f64; 2], p: [f64; 2]) -> (f64, f64) {
     (value, value.abs() - doubt)
 }
 
-/// Of `size` pixels, the first with its centre at `low` or after it and the last with its centre at `high` or before,
-/// as [`setup::Bounds`] has them.
+/// The first of `size` pixels with its centre at `low` or after it and the last with its centre at `high` or before, as
+/// [`setup::PixelBounds`] has them.
 #[inline(always)]
 fn centres(low: f64, high: f64, size: i32) -> (i32, i32) {
     let within = |x: f64| (x - 0.5).clamp(-1.0, f64::from(size));
@@ -251,7 +251,7 @@ fn centres(low: f64, high: f64, size: i32) -> (i32, i32) {
 
 /// The first loop is free of branches, for the compiler's vectoriser.
 #[inline(always)]
-fn look_lanes<S: Simd>(simd: S, block: &mut Block, size: [i32; 2]) {
+fn look_lanes<S: Simd>(simd: S, block: &mut TriangleBatch, size: [i32; 2]) {
     for i in 0..BLOCK {
         let x = [block.x[0][i], block.x[1][i], block.x[2][i]];
         let y = [block.y[0][i], block.y[1][i], block.y[2][i]];
@@ -302,7 +302,7 @@ fn look_lanes<S: Simd>(simd: S, block: &mut Block, size: [i32; 2]) {
 
 /// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-fn depth_lanes(block: &mut Block, count: usize) {
+fn depth_lanes(block: &mut TriangleBatch, count: usize) {
     let [a, b, c] = &block.corners;
     let at = |[x, y, z]: &[Column<f64>; 3], k: usize| DVec3::new(x[k], y[k], z[k]);
     for k in 0..count.min(BLOCK) {
@@ -421,7 +421,7 @@ mod tests {
             assert_eq!(drawn::<true>(&points, &faces, &camera), expected);
             assert!(expected.iter().all(|p| f64::from_bits(p.3).is_finite()));
             let screen: Vec<_> = points.iter().map(|&p| on_screen(p)).collect();
-            let mut block = Block::new();
+            let mut block = TriangleBatch::new();
             for faces in faces.chunks(BLOCK) {
                 block.look(faces, &screen, &camera);
                 let known = |i: usize| matches!(block.covered(i), Covered::Few(..));

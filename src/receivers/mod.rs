@@ -69,7 +69,7 @@ impl Receivers {
     /// their places, which hold `value`. A step of `control` for each group.
     ///
     /// # Errors
-    /// Those of `find`, or [`Error::Cancelled`].
+    /// The errors of `find`, or [`Error::Cancelled`].
     pub fn by_groups<S, T: Copy + Send + Sync>(
         &self,
         control: &Control,

@@ -27,7 +27,7 @@ pub struct Surface {
 /// What a pixel's ray hit first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Hit {
-    /// Nothing.
+    /// The ray hits nothing.
     Nothing,
     /// A triangle of [`Geometry::faces`].
     Triangle(u32),

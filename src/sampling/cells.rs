@@ -9,7 +9,7 @@ pub const GRID: usize = 32;
 /// `(u·q / w·q, v·q / w·q)` for directions `q` from the receiver, and `w·q` is 1 at the far end of
 /// what can lie between the two.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct View {
+pub struct LightProjection {
     /// Row of the first coordinate.
     pub u: Vec3,
     /// Row of the second coordinate.

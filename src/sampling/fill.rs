@@ -1,4 +1,4 @@
-//! From the pattern's points to light points and their weights, sixteen at a time.
+//! The map from the pattern's points to light points and their weights, sixteen points at once.
 
 use fearless_simd::{f32x16, prelude::*};
 use glam::Vec3;
@@ -115,6 +115,7 @@ pub(super) fn fill_flat<S: Simd>(
     }
 }
 
+#[allow(clippy::too_many_arguments, reason = "one call")]
 #[inline(always)]
 pub(super) fn fill_cap<S: Simd>(
     simd: S,

@@ -19,10 +19,10 @@
 //! - this file: [`Sampler`], a light with what all receivers share;
 //! - `pattern`: the points of the unit square, [`Pattern`];
 //! - `shapes`: the frame of a flat light, the cap of a sphere;
-//! - `fill`: from points of the square to light points and weights, sixteen at a time;
+//! - `fill`: the map from points of the square to light points and weights, sixteen points at once;
 //! - `samples`: the light points of one receiver, [`LightSamples`];
 //! - `shared`: the light points of a region of receivers, [`SharedPoint`];
-//! - `cells`: the grid of cells over the light's outline, as in a [`View`].
+//! - `cells`: the grid of cells over the light's outline, as in a [`LightProjection`].
 
 mod cells;
 mod fill;
@@ -37,9 +37,9 @@ use fearless_simd::dispatch;
 use glam::{DVec3, Vec3};
 
 use crate::frame::POINT_OFFSET;
-use crate::light::{Disk, Light, Rect, Shape};
+use crate::light::{DiskLight, Light, RectLight, Shape};
 use crate::simd::{LANES, Row, detect};
-pub use cells::{GRID, View, WHOLE, cell_place, grid_index};
+pub use cells::{GRID, LightProjection, WHOLE, cell_place, grid_index};
 use fill::{fill_cap, fill_flat};
 pub use pattern::Pattern;
 pub use samples::LightSamples;
@@ -69,8 +69,8 @@ impl Sampler {
         let flat = light.normal().map(|normal| {
             let (u, v, disk) = light.half_axes(normal);
             let area = match light.shape {
-                Shape::Rect(Rect { u, v, .. }) => u.cross(v).length(),
-                Shape::Disk(Disk { radius, .. }) => PI * radius * radius,
+                Shape::Rect(RectLight { u, v, .. }) => u.cross(v).length(),
+                Shape::Disk(DiskLight { radius, .. }) => PI * radius * radius,
                 Shape::Sphere(_) => 0.0,
             };
             Flat {
@@ -108,7 +108,7 @@ impl Sampler {
         }
     }
 
-    /// Whether the light fills the disk in its [`View`]'s square, and not the square.
+    /// Whether the light fills the disk in its [`LightProjection`]'s square, and not the square.
     pub fn is_disk(&self) -> bool {
         self.flat.is_none_or(|flat| flat.disk)
     }
@@ -125,7 +125,7 @@ impl Sampler {
 
     /// How the receiver at `p` sees the light, or `None` where no grid can be laid over it: behind a
     /// flat light, in or close to a sphere, or where the light has no size.
-    pub fn view(&self, p: DVec3) -> Option<View> {
+    pub fn view(&self, p: DVec3) -> Option<LightProjection> {
         let (low, high) = self.light.bounds();
         let mut reach = low.abs().max(high.abs()).max_element();
         let (u, v, w) = match self.flat {
@@ -157,7 +157,7 @@ impl Sampler {
                 (cap.e1 * scale + 0.5 * w, cap.e2 * scale + 0.5 * w, w)
             }
         };
-        Some(View {
+        Some(LightProjection {
             u: u.as_vec3(),
             v: v.as_vec3(),
             w: w.as_vec3(),

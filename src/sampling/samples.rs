@@ -14,9 +14,9 @@ pub struct LightSamples {
     pub points: [Vec<Row>; 3],
     /// Irradiance from each sample at radiance 1; 0 where it is not valid.
     pub weights: Vec<Row>,
-    /// One bit a sample: above the tangent plane and emitting towards the receiver.
+    /// A bit for each sample: above the tangent plane and emitting towards the receiver.
     pub valid: Vec<u16>,
-    /// Coordinates of each sample in [`View`](super::View)'s square, which here is [-1, 1]².
+    /// Coordinates of each sample in [`LightProjection`](super::LightProjection)'s square, which here is [-1, 1]².
     pub(super) coordinates: [Vec<Row>; 2],
     /// Grid cell of each sample, row-major; filled by [`LightSamples::find_cells`].
     pub cells: Vec<[u16; LANES]>,
@@ -47,7 +47,7 @@ impl LightSamples {
         self.cells.resize(rows, [0; LANES]);
     }
 
-    /// Finds the grid cell of every sample; meaningful only where the receiver has a [`View`](super::View).
+    /// Finds the grid cell of every sample; meaningful only where the receiver has a [`LightProjection`](super::LightProjection).
     pub fn find_cells(&mut self) {
         for (r, cells) in self.cells.iter_mut().enumerate() {
             for (lane, out) in cells.iter_mut().enumerate() {

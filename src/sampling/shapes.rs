@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::light::{Light, Sphere};
+use crate::light::{Light, SphereLight};
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Flat {
@@ -30,7 +30,7 @@ pub(super) struct Cap {
 
 impl Cap {
     pub(super) fn new(light: &Light, p: DVec3) -> Option<Cap> {
-        let Sphere { center, radius } = light.as_sphere()?;
+        let SphereLight { center, radius } = light.as_sphere()?;
         let d = center - p;
         let distance = d.length();
         if distance <= radius || distance == 0.0 {

@@ -13,7 +13,7 @@ use glam::DVec3;
 use super::fill::coordinates;
 use super::{LightSamples, Sampler};
 use crate::frame::POINT_OFFSET;
-use crate::light::Sphere;
+use crate::light::SphereLight;
 use crate::simd::LANES;
 
 /// A light point in local coordinates.
@@ -21,7 +21,7 @@ use crate::simd::LANES;
 pub struct SharedPoint {
     /// Where it is, moved off the light by [`POINT_OFFSET`].
     pub position: DVec3,
-    /// Where the light emits to there; zero for a sphere of size zero.
+    /// Direction in which the light emits there; zero for a sphere of size zero.
     pub normal: DVec3,
     /// The light's area that it stands for, times the number of points.
     pub area: f64,
@@ -49,8 +49,8 @@ impl Sampler {
         (0..self.len()).map(point).collect()
     }
 
-    fn shared_on(&self, sphere: Sphere, corners: &[DVec3]) -> Vec<SharedPoint> {
-        let Sphere { center, radius } = sphere;
+    fn shared_on(&self, sphere: SphereLight, corners: &[DVec3]) -> Vec<SharedPoint> {
+        let SphereLight { center, radius } = sphere;
         if radius == 0.0 {
             let point = SharedPoint {
                 position: center,

@@ -7,7 +7,7 @@
 pub mod around_lights;
 pub mod snapshot;
 
-use crate::geometry::entry::{Entry, Material, Shape};
+use crate::geometry::entry::{Body, Entry, Material};
 use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
@@ -60,7 +60,7 @@ impl Scene {
         let bytes = ADD_FACE * faces.len() + ADD_VERTEX * vertices.len();
         memory::check(|| format!("{what}: adding it"), bytes)?;
         let mesh = Arc::new(TriMesh::new(name, vertices, faces)?);
-        self.push(name, Shape::Mesh(mesh, DAffine3::IDENTITY), material);
+        self.push(name, Body::Mesh(mesh, DAffine3::IDENTITY), material);
         Ok(())
     }
 
@@ -79,7 +79,7 @@ impl Scene {
         let what = format!("spheres {name:?}");
         self.check_new(name, &what, material)?;
         let spheres = checked_spheres(&what, centers, radii)?;
-        self.push(name, Shape::Spheres(spheres), material);
+        self.push(name, Body::Spheres(spheres), material);
         Ok(())
     }
 
@@ -89,7 +89,7 @@ impl Scene {
     /// An unknown name, or what [`Scene::add_spheres`] finds.
     pub fn set_spheres(&mut self, name: &str, centers: &[DVec3], radii: &[f64]) -> Result<()> {
         let entry = self.entry_mut(name)?;
-        let Shape::Spheres(spheres) = &mut entry.shape else {
+        let Body::Spheres(spheres) = &mut entry.shape else {
             let what = format!("mesh {name:?}");
             return Err(Error::scene(what, "expected the name of spheres"));
         };
@@ -170,8 +170,8 @@ impl Scene {
     pub fn snapshot(&mut self) -> Result<Arc<Snapshot>> {
         if self.current.is_none() {
             let sizes = self.entries.iter().filter_map(|e| match &e.shape {
-                Shape::Mesh(mesh, _) => Some([mesh.faces().len(), mesh.vertices().len()]),
-                Shape::Spheres(_) => None,
+                Body::Mesh(mesh, _) => Some([mesh.faces().len(), mesh.vertices().len()]),
+                Body::Spheres(_) => None,
             });
             let bytes = sizes.map(|[f, v]| BUILD_FACE * f + BUILD_VERTEX * v).sum();
             memory::check(|| "scene: what is built for it".into(), bytes)?;
@@ -182,7 +182,7 @@ impl Scene {
         Ok(self.current.clone().expect("set above"))
     }
 
-    /// As [`Scene::snapshot`], in the frame that `lights` want.
+    /// The snapshot of the entries ([`Scene::snapshot`]) in the frame that `lights` want.
     ///
     /// # Errors
     /// As of [`Scene::snapshot`], and a light that the scene is too large for.
@@ -211,7 +211,7 @@ impl Scene {
         }
     }
 
-    fn push(&mut self, name: &str, shape: Shape, material: Material) {
+    fn push(&mut self, name: &str, shape: Body, material: Material) {
         self.entries.push(Entry {
             name: name.into(),
             shape,
@@ -245,8 +245,8 @@ impl Scene {
     fn mesh_mut(&mut self, name: &str) -> Result<(&mut Arc<TriMesh>, &mut DAffine3)> {
         let found = self.entries.iter_mut().find(|e| e.name == name);
         match found.map(|e| &mut e.shape) {
-            Some(Shape::Mesh(mesh, transform)) => Ok((mesh, transform)),
-            Some(Shape::Spheres(_)) => Err(Error::scene(
+            Some(Body::Mesh(mesh, transform)) => Ok((mesh, transform)),
+            Some(Body::Spheres(_)) => Err(Error::scene(
                 format!("spheres {name:?}"),
                 "expected the name of a mesh",
             )),

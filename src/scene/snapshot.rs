@@ -25,7 +25,7 @@ impl Snapshot {
     /// entries at other positions.
     ///
     /// # Errors
-    /// Those of [`Geometry::new`].
+    /// The errors of [`Geometry::new`].
     pub fn new(
         entries: &[Entry],
         previous: Option<&Snapshot>,
@@ -39,7 +39,7 @@ impl Snapshot {
         })
     }
 
-    /// The same with all triangles moved by `f` ([`Geometry::mapped`]).
+    /// A snapshot with all triangles moved by `f` ([`Geometry::mapped`]).
     pub fn mapped(&self, f: impl Fn(DVec3) -> DVec3 + Sync) -> Arc<Self> {
         Arc::new(Snapshot {
             geometry: self.geometry.mapped(f),

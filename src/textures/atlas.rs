@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::occluders::{Casting, Gatherer, Occluders, Side, bodies};
+use super::occluders::{Casting, Gatherer, PatchOccluders, Side, bodies};
 use super::patches::Patches;
 use super::texture::{Texture, drawing_bytes, texture_bytes};
 use super::window;
@@ -122,8 +122,8 @@ impl Atlas {
         })
     }
 
-    /// The same with the textures of large polygons where shadows can fall, in a scene that is far larger
-    /// than what casts in it.
+    /// The same atlas with the textures of large polygons where shadows can fall, in a scene that is far larger than
+    /// what casts in it.
     pub fn fitted(mut self) -> Self {
         if !self.geometry.frame.is_core {
             return self;
@@ -208,7 +208,7 @@ impl Atlas {
     }
 
     /// What may cast on a texture.
-    pub fn occluders(&self, key: Key, side: &Side, gatherer: &mut Gatherer) -> Occluders {
+    pub fn occluders(&self, key: Key, side: &Side, gatherer: &mut Gatherer) -> PatchOccluders {
         let casting = Casting {
             geometry: &self.geometry,
             patches: &self.patches,

@@ -19,9 +19,9 @@ use crate::raster::coverage::{Bitmap, Projected, cover};
 
 /// Which texels have their centre on the polygon; nothing is kept where all have.
 #[derive(Debug, Clone, Default)]
-pub struct Mask(Option<Bitmap>);
+pub struct TexelMask(Option<Bitmap>);
 
-impl Mask {
+impl TexelMask {
     /// Draws a patch into its own texture.
     pub fn new(atlas: &Atlas, patch: u32) -> Self {
         let size = atlas.size(patch);
@@ -53,7 +53,7 @@ impl Mask {
         let mut full = Bitmap::default();
         full.reset(width, height);
         (0..height).for_each(|y| full.set(y, 0, width - 1));
-        Mask((bitmap.words != full.words).then_some(bitmap))
+        TexelMask((bitmap.words != full.words).then_some(bitmap))
     }
 
     /// Whether a texel's centre is on the polygon.
@@ -71,7 +71,7 @@ impl Mask {
 /// Where occluders pass through a texture, by the cells between four texels' centres.
 #[derive(Debug, Clone, Default)]
 pub struct Contacts {
-    /// In texels, from the centre of the first texel.
+    /// The contacts' lines, in texels from the first texel's centre.
     lines: Vec<[DVec2; 2]>,
     /// A cell and a line that passes through it, in order.
     cells: Vec<(u32, u32)>,
@@ -177,7 +177,7 @@ fn cell(x: f64, size: u32) -> u32 {
 /// A finished texture, and what looking it up needs.
 pub(super) struct Drawn {
     pub(super) texture: Texture,
-    pub(super) mask: Mask,
+    pub(super) mask: TexelMask,
     pub(super) contacts: Contacts,
 }
 

@@ -26,24 +26,24 @@ pub const LIFT: f64 = FLAT + POINT_OFFSET;
 
 /// The occluders of a patch.
 #[derive(Debug, Default)]
-pub struct Occluders {
+pub struct PatchOccluders {
     /// Corners, local coordinates.
     pub points: Vec<DVec3>,
     /// Triangles that block everything.
     pub opaque: Vec<[u32; 3]>,
-    /// Those of closed bodies between the receiver and the light: the ones that face one way do for all.
+    /// Opaque triangles of closed bodies between the receiver and the light: the ones that face one way do for all.
     pub closed: Vec<[u32; 3]>,
     /// Triangles that let a part through, and that part.
     pub clear: Vec<([u32; 3], f32)>,
-    /// Where they pass through the receiver's plane.
+    /// Lines along which they pass through the receiver's plane.
     pub contacts: Vec<[DVec3; 2]>,
 }
 
-impl Occluders {
+impl PatchOccluders {
     /// The triangles of a mesh over a receiver's plane, opaque.
     pub fn of_mesh(positions: &[DVec3], faces: &[[u32; 3]], side: &Side) -> Self {
         let mut found = Gatherer::default();
-        let mut out = Occluders::default();
+        let mut out = PatchOccluders::default();
         for face in faces {
             let corners = face.map(|v| positions[v as usize]);
             found.add(&mut out, face, &corners, side, Part::Opaque);
@@ -107,7 +107,7 @@ impl Pyramid {
     }
 
     /// The greatest height over the receiver of a part of an occluder within, 0 if there is none.
-    pub fn highest(&self, occluders: &Occluders, side: &Side) -> f64 {
+    pub fn highest(&self, occluders: &PatchOccluders, side: &Side) -> f64 {
         let faces = occluders.opaque.iter().chain(&occluders.closed);
         let clear = occluders.clear.iter().map(|(face, _)| face);
         let (mut polygon, mut cut) = (Vec::new(), Vec::new());
@@ -178,7 +178,7 @@ impl Gatherer {
         patch: u32,
         side: &Side,
         light: &Light,
-    ) -> Occluders {
+    ) -> PatchOccluders {
         let Casting {
             geometry,
             patches,
@@ -212,7 +212,7 @@ impl Gatherer {
             })
         };
         let closed: Vec<bool> = casting.bodies.iter().map(between).collect();
-        let mut out = Occluders::default();
+        let mut out = PatchOccluders::default();
         self.vertices.clear();
         self.cuts.clear();
         let found = std::mem::take(&mut self.found);
@@ -244,7 +244,7 @@ impl Gatherer {
     /// Adds the part of a triangle over the receiver's plane.
     fn add(
         &mut self,
-        out: &mut Occluders,
+        out: &mut PatchOccluders,
         face: &[u32; 3],
         corners: &[DVec3; 3],
         side: &Side,

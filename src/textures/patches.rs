@@ -58,7 +58,7 @@ impl Parallelogram {
         [ey.cross(n) / area, n.cross(ex) / area]
     }
 
-    /// The same, moved.
+    /// This parallelogram, moved by `by`.
     pub fn moved(&self, by: DVec3) -> Self {
         Parallelogram {
             corner: self.corner + by,
@@ -100,7 +100,7 @@ impl Patch {
 /// The patches of a scene.
 #[derive(Debug, Clone, Default)]
 pub struct Patches {
-    /// In the order of the meshes, in each the largest first.
+    /// The patches, in the order of the meshes; within a mesh the largest first.
     pub list: Vec<Patch>,
     /// The patch of each triangle, or [`NONE`].
     pub of_face: Vec<u32>,

@@ -9,7 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::atlas::{Atlas, Key};
-use super::lookup::{Contacts, Drawn, Mask, Reader};
+use super::lookup::{Contacts, Drawn, Reader, TexelMask};
 use super::occluders::Gatherer;
 use super::texture::Texture;
 use crate::control::Control;
@@ -50,7 +50,7 @@ pub struct Pictures<P> {
 }
 
 impl<P: Painter> Pictures<P> {
-    /// None is painted yet.
+    /// The pictures of `atlas`, of which none is painted yet.
     pub fn new(atlas: Atlas, painter: P) -> Self {
         Pictures {
             atlas,
@@ -118,7 +118,7 @@ impl<P: Painter> Pictures<P> {
             .into_par_iter()
             .zip(contacts)
             .map(|((key, texture), contacts)| {
-                let mask = Mask::new(&self.atlas, key.patch);
+                let mask = TexelMask::new(&self.atlas, key.patch);
                 let drawn = Drawn {
                     texture,
                     mask,

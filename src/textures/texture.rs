@@ -2,7 +2,7 @@
 //!
 //! Herf and Heckbert 1996: for every light point the occluders are drawn black over the receiver's unshadowed
 //! shading, and the pictures are averaged. Here the occluders leave a bitmap a light point
-//! ([`crate::raster::coverage`]), and the texels that it leaves open add up, sixteen at a time:
+//! ([`crate::raster::coverage`]), and the texels that it leaves open add up, sixteen texels at once:
 //!
 //! - `seen`, the number of light points seen: the modulation texture;
 //! - `light`, the irradiance from them at radiance 1, every light point with its own cosines and distance:
@@ -19,12 +19,12 @@ use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::occluders::{Occluders, Side};
+use super::occluders::{PatchOccluders, Side};
 use super::transform::camera;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
-use crate::light::{Light, Sphere};
+use crate::light::{Light, SphereLight};
 use crate::raster::coverage::{Bitmap, Projected, cover, cover_facing};
 use crate::sampling::{Pattern, Sampler, SharedPoint};
 use crate::simd::{LANES, Lanes, Row, detect};
@@ -53,7 +53,7 @@ pub struct Texture {
 }
 
 /// What a texture is drawn from.
-pub struct Scene<'a> {
+pub struct TextureScene<'a> {
     /// The receiver's lit side.
     pub side: Side,
     /// The light, local.
@@ -61,16 +61,16 @@ pub struct Scene<'a> {
     /// Seed of the light points.
     pub seed: u64,
     /// What may cast.
-    pub occluders: &'a Occluders,
+    pub occluders: &'a PatchOccluders,
 }
 
 /// A light point as the texels see it.
 #[derive(Clone, Copy)]
 struct Beam {
     position: Vec3,
-    /// Where a sphere emits to there.
+    /// Direction in which a sphere emits there.
     normal: Vec3,
-    /// Over the receiver's plane.
+    /// Height of the light point over the receiver's plane.
     height: f32,
     area: f32,
 }
@@ -85,21 +85,21 @@ struct Shadow {
 
 /// How light points count.
 #[derive(Clone, Copy, PartialEq)]
-enum Kind {
+enum Weighting {
     /// Each as much; they emit along one normal.
     Flat,
-    /// By the solid angle that they stand for.
+    /// Light points count by the solid angle that they stand for.
     Sphere,
     /// Each as much, to all sides.
     Point,
 }
 
-impl Kind {
+impl Weighting {
     fn of(light: &Light) -> Self {
         match light.as_sphere() {
-            Some(Sphere { radius: 0.0, .. }) => Kind::Point,
-            Some(_) => Kind::Sphere,
-            None => Kind::Flat,
+            Some(SphereLight { radius: 0.0, .. }) => Weighting::Point,
+            Some(_) => Weighting::Sphere,
+            None => Weighting::Flat,
         }
     }
 }
@@ -107,7 +107,7 @@ impl Kind {
 /// Bytes of a texture under a light.
 pub fn texture_bytes(size: [u32; 2], light: &Light, radiance: bool) -> usize {
     let rows = (size[0] as usize).div_ceil(LANES) * size[1] as usize;
-    let sums = 1 + usize::from(radiance) + usize::from(Kind::of(light) == Kind::Sphere);
+    let sums = 1 + usize::from(radiance) + usize::from(Weighting::of(light) == Weighting::Sphere);
     rows.saturating_mul(sums * size_of::<Row>())
 }
 
@@ -139,7 +139,7 @@ impl Texture {
             stride,
             seen: rows(true),
             light: rows(radiance),
-            weight: rows(Kind::of(light) == Kind::Sphere),
+            weight: rows(Weighting::of(light) == Weighting::Sphere),
         }
     }
 
@@ -147,9 +147,14 @@ impl Texture {
     ///
     /// # Errors
     /// [`crate::error::Error::Cancelled`].
-    pub fn refine(&mut self, scene: &Scene<'_>, samples: usize, control: &Control) -> Result<()> {
+    pub fn refine(
+        &mut self,
+        scene: &TextureScene<'_>,
+        samples: usize,
+        control: &Control,
+    ) -> Result<()> {
         let transparent = !scene.occluders.clear.is_empty();
-        let kind = Kind::of(scene.light);
+        let kind = Weighting::of(scene.light);
         let corners = scene.side.bounds.corners();
         while self.samples < samples {
             let end = (self.samples + batch(self.size, transparent)).min(samples);
@@ -189,7 +194,7 @@ impl Texture {
     }
 
     /// Adds up the shadows of a batch.
-    fn add(&mut self, shadows: &[Shadow], side: &Side, kind: Kind, normal: Vec3, small: bool) {
+    fn add(&mut self, shadows: &[Shadow], side: &Side, kind: Weighting, normal: Vec3, small: bool) {
         let grid = Grid {
             side: *side,
             size: self.size,
@@ -296,7 +301,12 @@ impl Texture {
 }
 
 /// The texels that a mesh's opaque triangles hide from one light point; all if it is under the receiver.
-pub fn hard_shadow(occluders: &Occluders, side: &Side, point: DVec3, size: [u32; 2]) -> Bitmap {
+pub fn hard_shadow(
+    occluders: &PatchOccluders,
+    side: &Side,
+    point: DVec3,
+    size: [u32; 2],
+) -> Bitmap {
     let beam = Beam {
         position: Vec3::ZERO,
         normal: Vec3::ZERO,
@@ -307,7 +317,13 @@ pub fn hard_shadow(occluders: &Occluders, side: &Side, point: DVec3, size: [u32;
 }
 
 /// Draws the hard shadow of one light point.
-fn draw(occluders: &Occluders, side: &Side, point: DVec3, size: [u32; 2], beam: Beam) -> Shadow {
+fn draw(
+    occluders: &PatchOccluders,
+    side: &Side,
+    point: DVec3,
+    size: [u32; 2],
+    beam: Beam,
+) -> Shadow {
     let [width, height] = size;
     let mut shadow = Shadow {
         beam,
@@ -327,7 +343,7 @@ fn draw(occluders: &Occluders, side: &Side, point: DVec3, size: [u32; 2], beam: 
 
 /// Solid angle of a sphere.
 fn solid_angle(light: &Light, p: DVec3) -> f64 {
-    let Some(Sphere { center, radius }) = light.as_sphere() else {
+    let Some(SphereLight { center, radius }) = light.as_sphere() else {
         return 0.0;
     };
     let sin = (radius / (center - p).length()).min(1.0);
@@ -337,7 +353,7 @@ fn solid_angle(light: &Light, p: DVec3) -> f64 {
 
 /// Draws the occluders.
 #[inline(always)]
-fn draw_lanes(occluders: &Occluders, view: &Camera, stride: usize, shadow: &mut Shadow) {
+fn draw_lanes(occluders: &PatchOccluders, view: &Camera, stride: usize, shadow: &mut Shadow) {
     let points: Vec<Projected> = occluders
         .points
         .iter()
@@ -375,8 +391,8 @@ fn draw_lanes(occluders: &Occluders, view: &Camera, stride: usize, shadow: &mut 
 struct Grid {
     side: Side,
     size: [u32; 2],
-    kind: Kind,
-    /// Where a flat light emits to.
+    kind: Weighting,
+    /// Direction in which a flat light emits.
     normal: Vec3,
     radiance: bool,
 }
@@ -426,11 +442,11 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
             [l[0] - p[0], l[1] - p[1], l[2] - p[2]]
         };
         let in_front = match grid.kind {
-            Kind::Flat => zero.lt(dot(&minus_normal, &from(&shadows[0].beam))),
+            Weighting::Flat => zero.lt(dot(&minus_normal, &from(&shadows[0].beam))),
             _ => u16::MAX,
         };
         let mut seen = sums.seen[block].load(simd);
-        if !grid.radiance && grid.kind != Kind::Sphere {
+        if !grid.radiance && grid.kind != Weighting::Sphere {
             for shadow in shadows {
                 let open = !shadow.blocked.block(y, block) & in_front;
                 let through = match shadow.through.get(y * sums.seen.len() + block) {
@@ -447,7 +463,7 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
         for shadow in shadows {
             let beam = &shadow.beam;
             let open = !shadow.blocked.block(y, block) & in_front;
-            if open == 0 && grid.kind != Kind::Sphere {
+            if open == 0 && grid.kind != Weighting::Sphere {
                 continue;
             }
             let through = match shadow.through.get(y * sums.seen.len() + block) {
@@ -460,7 +476,7 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
                 f32x16::splat(simd, beam.area),
                 f32x16::splat(simd, beam.height.max(0.0)),
             );
-            if grid.kind == Kind::Sphere {
+            if grid.kind == Weighting::Sphere {
                 let facing = (zero - dot(&splat(simd, beam.normal), &d)).greater(zero);
                 let length = squared.sqrt();
                 let angle = area * (facing / (squared * length));

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use softshadow::camera::Camera;
 use softshadow::control::Control;
 use softshadow::geometry::entry::Material;
-use softshadow::light::{Light, Shape, Sphere};
+use softshadow::light::{Light, Shape, SphereLight};
 use softshadow::method::Method;
 use softshadow::methods::hard::Hard;
 use softshadow::receivers::Receivers;
@@ -173,7 +173,7 @@ proptest! {
         for i in 0..out.count {
             let q = out.point(i).as_dvec3();
             prop_assert!(q.cmpge(low - slack).all() && q.cmple(high + slack).all(), "{q}");
-            if let Shape::Sphere(Sphere { radius, .. }) = light.shape {
+            if let Shape::Sphere(SphereLight { radius, .. }) = light.shape {
                 let inside = p.distance(c) <= radius;
                 prop_assert!(inside || (q.distance(c) - radius).abs() < 1e-4 * (1.0 + radius), "{q}");
             }

@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use super::map::{Block, Level, Part, Plane, WHOLE};
+use super::map::{Block, CoarsePiece, Level, TexelPart, WHOLE};
 use crate::control::Control;
 use crate::error::Result;
 
@@ -100,7 +100,7 @@ fn moved(inverse_depth: f32, slope: [f32; 2], place: [f32; 2]) -> f32 {
 }
 
 /// A plane at half the resolution, from its inverse depth at the texel's centre.
-fn halved(mut plane: Plane) -> Plane {
+fn halved(mut plane: CoarsePiece) -> CoarsePiece {
     let center = plane.inverse_depth;
     plane.slope = plane.slope.map(|s| 2.0 * s);
     plane.inverse_depth = before_horizon(center + plane.rise(), center);
@@ -138,14 +138,14 @@ fn put(surfaces: &[Surface], bits: u32, layers: &mut [Block], child: usize) {
 
 /// Pieces of one surface in the four texels that become one.
 struct Surface {
-    pieces: [Option<Plane>; 4],
+    pieces: [Option<CoarsePiece>; 4],
     /// Sums over the pieces: how many, inverse depths, slopes, and places of their texels.
     count: f32,
     inverse_depth: f32,
     slope: [f32; 2],
     place: [f32; 2],
     /// What they fill of the coarser texel, in eighths: a box around it, its area, and twice its first moment.
-    around: Part,
+    around: TexelPart,
     area: u32,
     moment: [u32; 2],
 }
@@ -163,7 +163,7 @@ impl Surface {
     };
 
     /// Takes the piece of a texel.
-    fn add(&mut self, child: usize, piece: Plane) {
+    fn add(&mut self, child: usize, piece: CoarsePiece) {
         self.pieces[child] = Some(piece);
         self.count += 1.0;
         self.inverse_depth += piece.at_center();
@@ -189,7 +189,7 @@ impl Surface {
     }
 
     /// Whether it goes on in the piece of a texel.
-    fn takes(&self, child: usize, piece: &Plane) -> bool {
+    fn takes(&self, child: usize, piece: &CoarsePiece) -> bool {
         if self.pieces[child].is_some() {
             return false;
         }
@@ -205,14 +205,14 @@ impl Surface {
         beside(0) || beside(1)
     }
 
-    /// One piece for all; none where they fill less than can be told.
-    fn plane(&self, bits: u32) -> Option<Plane> {
+    /// One piece for all of them; none where they fill less than can be told.
+    fn plane(&self, bits: u32) -> Option<CoarsePiece> {
         let part = self.part(bits)?;
         let each = 1.0 / self.count;
         let slope = self.slope.map(|s| s * each);
         let place = self.place.map(|p| p * each);
         let center = moved(self.inverse_depth * each, slope, place);
-        Some(halved(Plane {
+        Some(halved(CoarsePiece {
             inverse_depth: center,
             slope,
             part,
@@ -220,7 +220,7 @@ impl Surface {
     }
 
     /// A rectangle, in quarters, that has the same area in the mean over random bits.
-    fn part(&self, bits: u32) -> Option<Part> {
+    fn part(&self, bits: u32) -> Option<TexelPart> {
         let a = self.around;
         let full = (a[1] - a[0]) * (a[3] - a[2]) == self.area;
         if full && a.iter().all(|side| side % 2 == 0) {
@@ -265,7 +265,7 @@ impl Surface {
 /// Sorts the pieces of four texels into surfaces; false if they are more than a texel has layers.
 fn gather(
     fine: &[Block],
-    plane: impl Fn(&Block, usize) -> Option<Plane>,
+    plane: impl Fn(&Block, usize) -> Option<CoarsePiece>,
     surfaces: &mut Vec<Surface>,
 ) -> bool {
     surfaces.clear();

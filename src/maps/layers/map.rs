@@ -61,15 +61,15 @@ impl Piece {
 }
 
 /// The part of a texel that a piece fills, in quarters: left, right, upper and lower side.
-pub type Part = [u32; 4];
+pub type TexelPart = [u32; 4];
 
-/// All of a texel.
-pub const WHOLE: Part = [0, 4, 0, 4];
+/// The part that is all of a texel.
+pub const WHOLE: TexelPart = [0, 4, 0, 4];
 
-/// Of the 32 bits of a slope and a part, from the highest: two slopes, eight bits each, as multiples of a power of
-/// two; that power, eight bits; two bits for each side, by how many quarters it is moved in. The steeper slope is
-/// right to 0.4 % of the depth that it adds within a texel.
-fn packed(slope: [f32; 2], part: Part) -> u32 {
+/// A slope and a part in 32 bits, from the highest: two slopes, eight bits each, as multiples of a power of two; that
+/// power, eight bits; two bits for each side, by how many quarters it is moved in. The steeper slope is right to 0.4 %
+/// of the depth that it adds within a texel.
+fn packed(slope: [f32; 2], part: TexelPart) -> u32 {
     let steepest = slope[0].abs().max(slope[1].abs());
     let (mut whole, mut power) = ([0.0; 2], 0);
     if steepest > FLAT {
@@ -99,18 +99,18 @@ fn unit(packed: u32) -> f32 {
 
 /// A piece of a coarser map, unpacked: it may fill a part of its texel.
 #[derive(Debug, Clone, Copy)]
-pub struct Plane {
+pub struct CoarsePiece {
     /// Inverse depth in the middle of the part that it fills.
     pub inverse_depth: f32,
     /// Its change from texel to texel, along a row and along a column.
     pub slope: [f32; 2],
     /// The part of the texel that it fills.
-    pub part: Part,
+    pub part: TexelPart,
 }
 
-impl From<Piece> for Plane {
+impl From<Piece> for CoarsePiece {
     fn from(piece: Piece) -> Self {
-        Plane {
+        CoarsePiece {
             inverse_depth: piece.inverse_depth,
             slope: piece.slope(),
             part: WHOLE,
@@ -118,7 +118,7 @@ impl From<Piece> for Plane {
     }
 }
 
-impl Plane {
+impl CoarsePiece {
     /// By how much its inverse depth is more in the middle of its part than at the texel's centre.
     pub fn rise(&self) -> f32 {
         let [left, right, upper, lower] = self.part.map(|side| side as f32);
@@ -132,12 +132,12 @@ impl Plane {
 
     /// Whether the next one, to the right (`axis` 0) or below, is of the same surface: at the border between them
     /// they are no farther apart than one of them rises over a texel.
-    pub fn joins(&self, next: &Plane, axis: usize) -> bool {
+    pub fn joins(&self, next: &CoarsePiece, axis: usize) -> bool {
         let (here, there) = (
             self.at_center() + 0.5 * self.slope[axis],
             next.at_center() - 0.5 * next.slope[axis],
         );
-        let rise = |p: &Plane| p.slope[0].abs() + p.slope[1].abs();
+        let rise = |p: &CoarsePiece| p.slope[0].abs() + p.slope[1].abs();
         (here - there).abs() <= rise(self).max(rise(next))
     }
 }
@@ -180,9 +180,9 @@ impl Block {
 
     /// The piece of one of the texels of a coarser map; nothing where there is no surface.
     #[inline(always)]
-    pub fn plane(&self, child: usize) -> Option<Plane> {
+    pub fn plane(&self, child: usize) -> Option<CoarsePiece> {
         let (inverse_depth, p) = (self.inverse_depth[child], self.slope[child]);
-        (inverse_depth > 0.0).then(|| Plane {
+        (inverse_depth > 0.0).then(|| CoarsePiece {
             inverse_depth,
             slope: [p, p << 8].map(|m| multiple(m) * unit(p)),
             part: [p >> 6 & 3, 4 - (p >> 4 & 3), p >> 2 & 3, 4 - (p & 3)],
@@ -191,7 +191,7 @@ impl Block {
 
     /// Sets the piece of one of the texels of a coarser map.
     #[inline(always)]
-    pub fn set_plane(&mut self, child: usize, plane: &Plane) {
+    pub fn set_plane(&mut self, child: usize, plane: &CoarsePiece) {
         self.inverse_depth[child] = plane.inverse_depth;
         self.slope[child] = packed(plane.slope, plane.part);
     }
@@ -262,7 +262,7 @@ pub struct Level {
     pub blocks: Vec<Block>,
     /// What they let through, four for each block; empty where all are opaque.
     pub media: Vec<[Medium; 4]>,
-    /// Of each 2×2 texels, row by row, what they hold: see [`Quad`].
+    /// What each 2×2 texels hold, row by row: see [`Quad`].
     pub quads: Vec<Quad>,
 }
 
@@ -294,7 +294,7 @@ pub struct LayerMap {
     pub view: LayerView,
     /// Layers of a texel.
     pub layers: usize,
-    /// From full resolution, each half as fine as the one before, to a single texel.
+    /// The levels from full resolution, each half as fine as the one before, to a single texel.
     pub levels: Vec<Level>,
 }
 

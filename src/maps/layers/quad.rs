@@ -9,7 +9,7 @@ use glam::Vec4;
 
 /// Bounds of a node while the tree is built.
 #[derive(Debug, Clone, Copy)]
-pub struct Bounds {
+pub struct NodeBounds {
     /// Least inverse depth; larger than the largest where there is nothing.
     pub low: f32,
     /// Largest inverse depth.
@@ -22,9 +22,9 @@ pub struct Bounds {
     pub cover: Option<[f32; 2]>,
 }
 
-impl Bounds {
-    /// Of nothing.
-    pub const NONE: Bounds = Bounds {
+impl NodeBounds {
+    /// The bounds of no node at all.
+    pub const NONE: NodeBounds = NodeBounds {
         low: f32::MAX,
         high: -1.0,
         middle: -1.0,
@@ -36,10 +36,10 @@ impl Bounds {
         self.low <= self.high
     }
 
-    /// Of four nodes of a size, but for what covers them.
-    pub fn of(nodes: &[Bounds; 4], size: f32) -> Self {
+    /// The bounds of four nodes of one size, without what covers them.
+    pub fn of(nodes: &[NodeBounds; 4], size: f32) -> Self {
         let some = || nodes.iter().filter(|n| n.is_some());
-        let mut all = Bounds::NONE;
+        let mut all = NodeBounds::NONE;
         for node in some() {
             all.low = all.low.min(node.low);
             all.high = all.high.max(node.high);
@@ -67,14 +67,14 @@ impl Bounds {
             }
         }
         let [own, between] =
-            [own, between].map(|slope| (Bounds::in_front(nodes, size, slope), slope));
+            [own, between].map(|slope| (NodeBounds::in_front(nodes, size, slope), slope));
         // The one that is lower on the whole.
         (all.middle, all.slope) = if own.0 < between.0 { own } else { between };
         all
     }
 
     /// Where a plane with such a slope is in the middle of four nodes when it is in front of their planes.
-    fn in_front(nodes: &[Bounds; 4], size: f32, slope: [f32; 2]) -> f32 {
+    fn in_front(nodes: &[NodeBounds; 4], size: f32, slope: [f32; 2]) -> f32 {
         let mut middle = f32::MIN;
         for (i, node) in nodes.iter().enumerate().filter(|(_, n)| n.is_some()) {
             // From the middle of all, and as far as texels' centres are from the node's own.
@@ -108,10 +108,10 @@ pub struct Quad {
     cover_high: [u8; 4],
 }
 
-/// In place of a cover: there is none.
+/// Stands in place of a cover: there is no cover.
 const OPEN: u8 = 255;
 
-/// In place of a cover: there is none, and an outline passes through the node.
+/// Stands in place of a cover: there is no cover, and an outline passes through the node.
 const OUTLINE: u8 = 254;
 
 /// Parts of a range in which planes are kept. On the part of a surface that is a hundredth of its depth deep they are as
@@ -123,7 +123,7 @@ const COARSE: f32 = 253.0;
 
 impl Quad {
     /// Four nodes of a size, with an outline through those that no surface covers or without.
-    pub fn new(nodes: &[Bounds; 4], size: f32, outline: bool) -> Self {
+    pub fn new(nodes: &[NodeBounds; 4], size: f32, outline: bool) -> Self {
         let mut quad = Quad {
             low: nodes.map(|n| n.low),
             high: nodes.map(|n| n.high),
@@ -148,7 +148,7 @@ impl Quad {
     }
 
     /// Keeps a node's plane, no lower anywhere; level where it would be above all that the node holds.
-    fn set_plane(&mut self, i: usize, node: &Bounds, size: f32, part: f32) {
+    fn set_plane(&mut self, i: usize, node: &NodeBounds, size: f32, part: f32) {
         let rises = node.slope.map(|s| s * size);
         let kept = rises.map(|rise| (rise / part).round() as i16);
         let lost = [0, 1].map(|axis| (rises[axis] - f32::from(kept[axis]) * part).abs());
@@ -202,10 +202,10 @@ mod tests {
     use super::*;
 
     /// A texel with a surface.
-    fn texel(middle: f32, slope: [f32; 2]) -> Bounds {
+    fn texel(middle: f32, slope: [f32; 2]) -> NodeBounds {
         let reach = 0.5 * (slope[0].abs() + slope[1].abs());
         let [low, high] = [middle - reach, middle + reach];
-        Bounds {
+        NodeBounds {
             low,
             high,
             middle,
@@ -215,11 +215,11 @@ mod tests {
     }
 
     /// Parents of as many texels a side, with the surface `at(x, y)`, and what they hold at each texel's centre.
-    fn pyramid(side: usize, at: impl Fn(f32, f32) -> Option<Bounds>) -> Vec<Vec<Bounds>> {
+    fn pyramid(side: usize, at: impl Fn(f32, f32) -> Option<NodeBounds>) -> Vec<Vec<NodeBounds>> {
         let place = |i: usize| (i % side, i / side);
         let texels = (0..side * side).map(|i| {
             let (x, y) = place(i);
-            at(x as f32, y as f32).unwrap_or(Bounds::NONE)
+            at(x as f32, y as f32).unwrap_or(NodeBounds::NONE)
         });
         let mut levels = vec![texels.collect::<Vec<_>>()];
         let mut size = 1;
@@ -229,7 +229,7 @@ mod tests {
             let parents = (0..across * across / 4).map(|i| {
                 let (x, y) = (i % (across / 2) * 2, i / (across / 2) * 2);
                 let four = [0, 1, across, across + 1].map(|at| below[y * across + x + at]);
-                Bounds::of(&four, size as f32)
+                NodeBounds::of(&four, size as f32)
             });
             let parents = parents.collect();
             levels.push(parents);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     /// Least and largest height of kept planes over texels' centres, of all levels.
-    fn heights(levels: &[Vec<Bounds>], side: usize) -> [f32; 2] {
+    fn heights(levels: &[Vec<NodeBounds>], side: usize) -> [f32; 2] {
         let (mut least, mut most) = (f32::MAX, f32::MIN);
         for (level, nodes) in levels.iter().enumerate() {
             let size = 1 << level;
@@ -300,19 +300,19 @@ mod tests {
     #[test]
     fn covers_are_kept_no_narrower() {
         for (low, high) in [(1.0, 1.0), (1.0, 1.5), (1.2, 1.3), (1.7, 2.0), (1.999, 2.0)] {
-            let node = Bounds {
+            let node = NodeBounds {
                 low: 1.0,
                 high: 2.0,
                 cover: Some([low, high]),
-                ..Bounds::NONE
+                ..NodeBounds::NONE
             };
             let nodes = [
                 node,
-                Bounds {
+                NodeBounds {
                     cover: None,
                     ..node
                 },
-                Bounds::NONE,
+                NodeBounds::NONE,
                 texel(1.5, [0.0; 2]),
             ];
             let quad = Quad::new(&nodes, 4.0, true);

@@ -12,8 +12,8 @@
 use rayon::prelude::*;
 
 use super::coarser::coarser;
-use super::map::{LayerMap, Level, Plane};
-use super::quad::{Bounds, Quad};
+use super::map::{CoarsePiece, LayerMap, Level};
+use super::quad::{NodeBounds, Quad};
 use crate::control::Control;
 use crate::error::Result;
 
@@ -26,7 +26,7 @@ const ENDS: u32 = 6;
 #[derive(Debug, Clone, Copy)]
 struct Node {
     /// What it holds; one opaque surface covers it, connected within, or none.
-    bounds: Bounds,
+    bounds: NodeBounds,
     /// Whether that surface goes on in the neighbours on the right and below, all along the border.
     right: bool,
     down: bool,
@@ -39,7 +39,7 @@ pub const TREE_BYTES: usize =
     size_of::<Quad>().div_ceil(3) + (size_of::<Node>() * (16 + 4 + 1)).div_ceil(16);
 
 const NOTHING: Node = Node {
-    bounds: Bounds::NONE,
+    bounds: NodeBounds::NONE,
     right: false,
     down: false,
     ends: 0,
@@ -114,7 +114,7 @@ fn texels(level: &Level, k: usize, control: &Control) -> Result<Vec<Node>> {
             node.bounds.cover = Some([(w - reach).max(f32::MIN_POSITIVE), w + reach]);
             let joined = |axis: usize| {
                 let next = next[axis].flatten();
-                next.is_some_and(|next| Plane::from(piece).joins(&next.into(), axis))
+                next.is_some_and(|next| CoarsePiece::from(piece).joins(&next.into(), axis))
             };
             (node.right, node.down) = (joined(0), joined(1));
         }
@@ -157,7 +157,7 @@ fn siblings(nodes: &[Node], width: usize, height: usize, x: usize, y: usize) -> 
     [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| child(nodes, width, height, 2 * x + i, 2 * y + j))
 }
 
-/// Of nodes, by their grandparents: outlines pass where at most so many borders are ends.
+/// The quads of nodes, by their grandparents: outlines pass where at most so many borders are ends.
 fn quads(
     nodes: &[Node],
     grandparents: &[Node],
@@ -187,7 +187,7 @@ fn parents(
     let make = |x: usize, y: usize| {
         let [a, b, c, d] = siblings(nodes, width, height, x, y);
         let all = [a, b, c, d].map(|n| n.bounds);
-        let mut bounds = Bounds::of(&all, (1u64 << level) as f32);
+        let mut bounds = NodeBounds::of(&all, (1u64 << level) as f32);
         if a.right && c.right && a.down && b.down {
             let join = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
             let covers = all.iter().map(|n| n.cover);

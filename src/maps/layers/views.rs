@@ -30,7 +30,7 @@ use crate::casters::Casters;
 use crate::casters::behind::split;
 use crate::error::Result;
 use crate::geometry::Geometry;
-use crate::light::{Light, Rect, Shape};
+use crate::light::{Light, RectLight, Shape};
 use crate::maps::views::{COARSER, Extent, WIDEST, look_face};
 
 /// The least distance from eye to light, over that from the light to the farthest caster. It keeps inverse
@@ -76,7 +76,7 @@ pub struct LightViews {
 /// The views of a local light, `resolution` texels on the longer side of each.
 ///
 /// # Errors
-/// None for a light and a scene that were checked; those of [`Camera::new`] otherwise.
+/// No error for a light and a scene that were checked; the errors of [`Camera::new`] otherwise.
 pub fn light_views(light: &Light, casters: &Casters, resolution: u32) -> Result<LightViews> {
     // What lies in a flat light's plane, but for rounding, is behind it, as it is for light samples.
     let light = &light.lifted();
@@ -106,7 +106,7 @@ fn flat(
     let center = light.center();
     // Along an edge, so that its samples fill the view's columns and rows evenly.
     let right = match light.shape {
-        Shape::Rect(Rect { u, .. }) => u.try_normalize(),
+        Shape::Rect(RectLight { u, .. }) => u.try_normalize(),
         Shape::Disk(..) | Shape::Sphere(..) => None,
     };
     let right = right.unwrap_or_else(|| normal.any_orthonormal_vector());

@@ -16,7 +16,7 @@ pub struct Transform {
 }
 
 impl Transform {
-    /// For pictures of at least this size; sizes are rounded up to those that are fast.
+    /// A transform for pictures of at least this size; sizes are rounded up to those that are fast.
     pub fn new(width: usize, height: usize) -> Self {
         let (width, height) = (fast(width), fast(height));
         // Scalar, so that all machines give the same bits.

@@ -29,7 +29,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of a light whose shadows are cast from `eye`.
+    /// The light's image on a receiver, for a light whose hard shadow is cast from `eye`.
     pub fn new(light: &Light, side: &Side, eye: DVec3) -> Self {
         let middle = side.bounds.at(0.5, 0.5);
         let along = (middle - eye).normalize_or_zero();

@@ -17,7 +17,7 @@ use super::kernel::Spread;
 use crate::control::Control;
 use crate::error::Result;
 use crate::raster::{SPAN, Sink, Tile, rasterize_projected};
-use crate::textures::occluders::{Occluders, Side};
+use crate::textures::occluders::{PatchOccluders, Side};
 use crate::textures::patches::Parallelogram;
 use crate::textures::transform::camera;
 
@@ -27,11 +27,11 @@ const DIRECT: usize = 1 << 14;
 /// The part of a receiver's plane that shadows are drawn in.
 #[derive(Debug, Clone, Copy)]
 pub struct Window {
-    /// In parts of the receiver's edges.
+    /// Lower end of the window, as fractions of the receiver's two edges.
     pub low: DVec2,
-    /// The other end.
+    /// Upper end of the window.
     pub high: DVec2,
-    /// Texels along both.
+    /// Texels along both edges.
     pub size: [u32; 2],
     /// The hard shadow has so many finer texels along a side of each.
     pub fine: u32,
@@ -43,7 +43,7 @@ impl Window {
         (self.high - self.low) / DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
     }
 
-    /// Where a point is, in texels from the centre of the first.
+    /// Place of the point `(u, v)` of the receiver in the window's picture, in texels from the first texel's centre.
     fn place(&self, u: f64, v: f64) -> DVec2 {
         (DVec2::new(u, v) - self.low) / self.texel() - 0.5
     }
@@ -87,9 +87,9 @@ const SHARED: f64 = 1.0 / 1024.0;
 /// would draw it. So around the bound both draw a part of it, and the parts of all ranges sum to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// None for the first.
+    /// Smallest scale of the range; the first range has none.
     pub low: Option<f64>,
-    /// None for the last, which draws what is left.
+    /// Largest scale of the range; the last has none and draws all larger scales.
     pub high: Option<f64>,
 }
 
@@ -131,7 +131,7 @@ impl HardShadow {
     /// # Errors
     /// [`crate::error::Error::Cancelled`].
     pub fn new(
-        occluders: &Occluders,
+        occluders: &PatchOccluders,
         side: &Side,
         eye: glam::DVec3,
         window: &Window,
@@ -264,7 +264,7 @@ pub struct Hidden {
 }
 
 impl Hidden {
-    /// At a point of the receiver, interpolated.
+    /// The hidden part at a point of the receiver, interpolated.
     pub fn at(&self, u: f64, v: f64) -> f32 {
         let [w, h] = self.window.size;
         let last = DVec2::new(f64::from(w - 1), f64::from(h - 1));

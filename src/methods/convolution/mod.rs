@@ -177,7 +177,7 @@ impl Painter for Convolution {
     }
 }
 
-/// As [`layers::convolve`], for the side of a parallelogram that a light's centre is on.
+/// The hidden part as [`layers::convolve`] gives it, for the side of a parallelogram that a light's centre is on.
 ///
 /// # Errors
 /// A light's centre in the parallelogram's plane, or [`Error::Cancelled`].

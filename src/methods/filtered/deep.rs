@@ -13,7 +13,7 @@ use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use super::pcf::each_place;
-use super::{Estimate, Hide, PreparedFilter, Settings};
+use super::{Estimate, FilterSettings, Hide, PreparedFilter};
 use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Result, in_range};
@@ -21,7 +21,7 @@ use crate::far::REACH;
 use crate::light::Light;
 use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::Layers;
-use crate::maps::region::{Region, Scratch, Texel};
+use crate::maps::region::{Region, RegionScratch, Texel};
 use crate::method::{Method, Prepared};
 
 /// Visibility that counts as none: half an 8-bit step, which nothing shows.
@@ -31,7 +31,7 @@ const NOTHING: f32 = 1.0 / 512.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeepShadow {
     /// What it shares with percentage-closer soft shadows.
-    pub settings: Settings,
+    pub settings: FilterSettings,
     /// Largest error that compressing a texel's visibility may make.
     pub error: f64,
 }
@@ -82,7 +82,7 @@ impl Method for DeepShadow {
 }
 
 /// Both passes over a region's map.
-fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
+fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut RegionScratch) {
     let (mut nearest, mut sum, mut count) = (0.0f32, 0.0f32, 0.0f32);
     scratch.place(region, region.nearest);
     each_place(region, scratch, |_, _, x, y, texel| {

@@ -23,7 +23,7 @@ use crate::maps::layers::MOST_LAYERS;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::map::LayerMap;
 use crate::maps::layers::views::light_views;
-use crate::maps::region::{Region, Scratch, Source};
+use crate::maps::region::{Region, RegionScratch, Source};
 use crate::maps::views::most_central;
 use crate::method::{Prepared, Shading};
 use crate::receivers::Receivers;
@@ -42,14 +42,14 @@ pub enum Estimate {
 
 /// What both methods are told.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub struct FilterSettings {
     /// Texels on the longer side of a map.
     pub resolution: u32,
     /// Layers of a texel.
     pub layers: u32,
     /// Light samples a receiver.
     pub samples: u32,
-    /// Of the light samples.
+    /// Seed of the light samples.
     pub seed: u64,
     /// Which depth stands for all blockers.
     pub estimate: Estimate,
@@ -58,7 +58,7 @@ pub struct Settings {
     pub bias: Option<f64>,
 }
 
-impl Settings {
+impl FilterSettings {
     /// Checks the numbers.
     ///
     /// # Errors
@@ -72,7 +72,7 @@ impl Settings {
 }
 
 /// Both passes over a region's map, with the depth that stands for all blockers.
-type Hide = fn(&Region<'_>, Estimate, &mut Scratch);
+type Hide = fn(&Region<'_>, Estimate, &mut RegionScratch);
 
 /// Either method, ready to answer.
 struct PreparedFilter {
@@ -87,7 +87,7 @@ impl PreparedFilter {
     fn new(
         casters: &Casters,
         lights: &[Light],
-        settings: &Settings,
+        settings: &FilterSettings,
         layers: &Layers,
         (stage, hide): (&'static str, Hide),
         control: &Control,
@@ -136,11 +136,11 @@ impl LightMaps {
     /// Draws the maps of a light, local.
     ///
     /// # Errors
-    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    /// Maps that do not fit into memory, or [`crate::error::Error::Cancelled`].
     pub fn new(
         light: &Light,
         casters: &Casters,
-        settings: &Settings,
+        settings: &FilterSettings,
         layers: &Layers,
         control: &Control,
     ) -> Result<Self> {
@@ -183,9 +183,9 @@ impl LightMaps {
         &self,
         receivers: &Receivers,
         control: &Control,
-        hidden: impl Fn(&Region<'_>, &mut Scratch) + Sync,
+        hidden: impl Fn(&Region<'_>, &mut RegionScratch) + Sync,
     ) -> Result<Shading> {
-        let one = |i: usize, scratch: &mut Scratch| {
+        let one = |i: usize, scratch: &mut RegionScratch| {
             let (p, n) = (receivers.positions[i], receivers.normals[i]);
             let h = self.light.fraction_above(p, n);
             if h == 0.0 {
@@ -209,15 +209,19 @@ impl LightMaps {
                 h as f32
             }
         };
-        let visibility =
-            receivers.by_groups(control, 0.0, Scratch::default, |scratch, range, out| {
+        let visibility = receivers.by_groups(
+            control,
+            0.0,
+            RegionScratch::default,
+            |scratch, range, out| {
                 for (i, out) in range.zip(out) {
                     // With the most samples a receiver takes a tenth of a second.
                     control.check()?;
                     *out = one(i, scratch);
                 }
                 Ok(())
-            })?;
+            },
+        )?;
         Ok(Shading {
             visibility,
             irradiance: None,

@@ -17,7 +17,7 @@
 use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
-use super::{Estimate, Hide, MOST_LAYERS, PreparedFilter, Settings};
+use super::{Estimate, FilterSettings, Hide, MOST_LAYERS, PreparedFilter};
 use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::Result;
@@ -25,7 +25,7 @@ use crate::far::REACH;
 use crate::light::Light;
 use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::Layers;
-use crate::maps::region::{Region, Scratch, Texel};
+use crate::maps::region::{Region, RegionScratch, Texel};
 use crate::method::{Method, Prepared};
 use crate::simd::LANES;
 
@@ -33,7 +33,7 @@ use crate::simd::LANES;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pcf {
     /// What it shares with deep shadow maps.
-    pub settings: Settings,
+    pub settings: FilterSettings,
     /// Whether transparent meshes count as opaque.
     pub opaque: bool,
 }
@@ -84,7 +84,7 @@ impl Method for Pcf {
 }
 
 /// Both passes over a region's map.
-fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
+fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut RegionScratch) {
     let layers = region.map.layers;
     // Of every layer the largest inverse depth of a blocker, their sum, and their number.
     let mut found = [(0.0f32, 0.0f32, 0.0f32); MOST_LAYERS as usize];
@@ -123,7 +123,7 @@ fn hide(region: &Region<'_>, estimate: Estimate, scratch: &mut Scratch) {
 #[inline(always)]
 pub(super) fn each_place(
     region: &Region<'_>,
-    scratch: &Scratch,
+    scratch: &RegionScratch,
     mut f: impl FnMut(usize, usize, f32, f32, Texel),
 ) {
     let [xs, ys] = &scratch.places;

@@ -54,7 +54,7 @@ pub struct Given {
     pub depths: Vec<f64>,
     /// Change of inverse depth from texel to texel, along a row and along a column; none if not given.
     pub slopes: Option<Vec<f64>>,
-    /// Nothing if all is opaque.
+    /// What transparent surfaces let through; nothing if all is opaque.
     pub clear: Option<Clear>,
 }
 

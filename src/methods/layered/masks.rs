@@ -36,7 +36,7 @@ impl Mask {
         }))
     }
 
-    /// From the bits of sixteen samples each.
+    /// The set of samples whose bits are given, sixteen samples a row.
     pub fn from_rows(rows: &[u16]) -> Mask {
         let mut mask = Mask::NONE;
         for (r, &bits) in rows.iter().enumerate() {
@@ -62,7 +62,7 @@ impl Mask {
         self.0.iter().map(|w| w.count_ones()).sum()
     }
 
-    /// Those that are not in `o`.
+    /// The samples of this set that are not in `o`.
     #[inline(always)]
     pub fn without(self, o: Mask) -> Mask {
         self & !o

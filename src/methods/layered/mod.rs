@@ -4,7 +4,8 @@
 //! to points of the light are traced through the map instead of the scene. The map is [`crate::maps::layers`]; here:
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
-//! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver.
+//! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver, by
+//!   its [`pencil`] of segments; `pieces`: what surfaces in texels hide of them.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
 //! depths from all three.
@@ -16,6 +17,8 @@
 pub mod choose;
 pub mod given;
 pub mod masks;
+pub mod pencil;
+mod pieces;
 pub mod tracing;
 
 use crate::maps::RESOLUTIONS;
@@ -31,7 +34,7 @@ use crate::control::Control;
 use crate::error::{Result, in_range};
 use crate::far::REACH;
 use crate::frame::Frame;
-use crate::light::{Light, Sphere};
+use crate::light::{Light, SphereLight};
 use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::map::LayerMap;
@@ -43,7 +46,8 @@ use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{LightSamples, Pattern, Sampler};
 use given::Given;
 use masks::{Axis, BLOCK, Mask, spread};
-use tracing::{Pencil, Seen, Stack, Tracing, trace};
+use pencil::{Pencil, SampleVisibility, Tracing};
+use tracing::{Stack, trace};
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.
@@ -51,7 +55,7 @@ const CHOICE: usize = 2;
 
 /// Which of the paper's maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum LayerKind {
     /// One layer.
     Single,
     /// Several opaque layers.
@@ -60,22 +64,22 @@ pub enum Kind {
     Transparent,
 }
 
-impl Kind {
+impl LayerKind {
     /// The name that users call the method by.
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Single => "slsm",
-            Kind::Multi => "mlsm",
-            Kind::Transparent => "mtsm",
+            LayerKind::Single => "slsm",
+            LayerKind::Multi => "mlsm",
+            LayerKind::Transparent => "mtsm",
         }
     }
 
     /// The name of its Python class.
     pub fn class(self) -> &'static str {
         match self {
-            Kind::Single => "Slsm",
-            Kind::Multi => "Mlsm",
-            Kind::Transparent => "Mtsm",
+            LayerKind::Single => "Slsm",
+            LayerKind::Multi => "Mlsm",
+            LayerKind::Transparent => "Mtsm",
         }
     }
 }
@@ -85,7 +89,7 @@ const MOST_RESETS: u32 = 64;
 
 /// What layered maps are built and traced with; lengths in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub struct LayeredSettings {
     /// Texels on the longer side of a map; from the number of triangles if not given.
     pub resolution: Option<u32>,
     /// Layers of a texel; from the scene's depth complexity if not given.
@@ -115,16 +119,16 @@ pub struct Settings {
 /// A layered shadow map method with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layered {
-    kind: Kind,
-    settings: Settings,
+    kind: LayerKind,
+    settings: LayeredSettings,
 }
 
 impl Layered {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// One out of its range.
-    pub fn new(kind: Kind, settings: Settings) -> Result<Self> {
+    /// [`crate::error::Error::Parameter`] for a parameter that is out of its range.
+    pub fn new(kind: LayerKind, settings: LayeredSettings) -> Result<Self> {
         let what = kind.class();
         in_range(
             what,
@@ -155,13 +159,13 @@ impl Layered {
 
     /// Whether meshes that let light through are no error.
     pub fn takes_transparent(&self) -> bool {
-        self.settings.opaque || self.kind == Kind::Transparent
+        self.settings.opaque || self.kind == LayerKind::Transparent
     }
 
     /// The maps of a local light.
     ///
     /// # Errors
-    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    /// Maps that do not fit into memory, or [`crate::error::Error::Cancelled`].
     pub fn maps(
         &self,
         casters: &Casters,
@@ -173,7 +177,7 @@ impl Layered {
             .resolution
             .unwrap_or_else(|| choose::resolution(casters));
         let count = match (self.kind, settings.layers) {
-            (Kind::Single, _) => 1,
+            (LayerKind::Single, _) => 1,
             (_, Some(layers)) => layers as usize,
             (_, None) => choose::layers(light, casters, control)?,
         };
@@ -185,7 +189,7 @@ impl Layered {
                 threshold: settings.threshold as f32,
                 resets: settings.resets as usize,
             },
-            opaque: settings.opaque || self.kind != Kind::Transparent,
+            opaque: settings.opaque || self.kind != LayerKind::Transparent,
         };
         let views = light_views(light, casters, resolution)?;
         let draw = |view| layer_map(view, casters, &layers, control);
@@ -196,7 +200,7 @@ impl Layered {
     /// Ready to answer for one local light through maps that a user gives, instead of a scene's.
     ///
     /// # Errors
-    /// Those of [`Given::map`], or [`Error::Cancelled`].
+    /// The errors of [`Given::map`], or [`crate::error::Error::Cancelled`].
     pub fn through(
         &self,
         light: Light,
@@ -209,7 +213,7 @@ impl Layered {
         let group = |maps: &Vec<Given>| maps.iter().map(make).collect();
         let groups = groups.iter().map(group).collect::<Result<_>>()?;
         Ok(PreparedLayered {
-            lights: vec![LightMaps::new(self.sampler(light), groups)],
+            lights: vec![LayeredLight::new(self.sampler(light), groups)],
             tracing: self.tracing(frame),
             seconds: Vec::new(),
         })
@@ -242,7 +246,8 @@ struct FlatTargets {
 }
 
 impl FlatTargets {
-    /// Of the only map of a group; nothing if its samples differ in depth.
+    /// Targets in the only map of a group; `None` if there are several maps, or if the light's samples differ in depth
+    /// there.
     fn new(sampler: &Sampler, maps: &[LayerMap]) -> Option<Self> {
         let (light, [map]) = (sampler.light(), maps) else {
             return None;
@@ -282,17 +287,17 @@ impl FlatTargets {
 /// points apart in depth by as little as rounding does.
 const ALONG: f64 = f32::EPSILON as f64;
 
-struct LightMaps {
+struct LayeredLight {
     light: Light,
     sampler: Sampler,
     groups: Vec<Vec<LayerMap>>,
-    /// Of every group, if it has them.
+    /// For every group of maps, its flat targets, if the light's samples have one depth in it.
     flat: Vec<Option<FlatTargets>>,
     transparent: bool,
 }
 
 struct PreparedLayered {
-    lights: Vec<LightMaps>,
+    lights: Vec<LayeredLight>,
     tracing: Tracing,
     seconds: Vec<(&'static str, f64)>,
 }
@@ -318,7 +323,7 @@ impl Method for Layered {
         let mut found = Vec::with_capacity(lights.len());
         for light in lights {
             let groups = self.maps(&casters, light, control)?;
-            found.push(LightMaps::new(self.sampler(*light), groups));
+            found.push(LayeredLight::new(self.sampler(*light), groups));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
@@ -337,10 +342,10 @@ struct Scratch {
     slopes: [Vec<f32>; 2],
 }
 
-impl LightMaps {
+impl LayeredLight {
     fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>) -> Self {
         let flat = groups.iter().map(|maps| FlatTargets::new(&sampler, maps));
-        LightMaps {
+        LayeredLight {
             light: *sampler.light(),
             flat: flat.collect(),
             transparent: groups.iter().flatten().any(LayerMap::is_transparent),
@@ -376,7 +381,7 @@ impl LightMaps {
             if valid.is_empty() {
                 continue;
             }
-            let mut seen = Seen::new(valid);
+            let mut seen = SampleVisibility::new(valid);
             for (g, maps) in self.groups.iter().enumerate() {
                 let cameras = maps.iter().map(|m| &m.view.camera);
                 let map = &maps[most_central(cameras, self.light.center(), p)];
@@ -397,7 +402,7 @@ impl LightMaps {
     /// are others for every receiver, and most receivers are lit.
     fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
         let center = self.light.center();
-        let Some(Sphere { radius, .. }) = self.light.as_sphere() else {
+        let Some(SphereLight { radius, .. }) = self.light.as_sphere() else {
             return true;
         };
         if (p - center).length() <= radius {
@@ -438,7 +443,7 @@ impl LightMaps {
                 end: high.z as f32,
                 plane: tangent_plane(map, p, n),
             };
-            let mut seen = Seen::new(Mask::first(1));
+            let mut seen = SampleVisibility::new(Mask::first(1));
             trace(map, tracing, &pencil, &mut seen, stack);
             seen.open.is_empty()
         })
@@ -453,7 +458,7 @@ impl LightMaps {
         p: DVec3,
         n: DVec3,
         tracing: &Tracing,
-        seen: &mut Seen,
+        seen: &mut SampleVisibility,
         s: &mut Scratch,
     ) {
         let start = map.view.project(p);
@@ -486,7 +491,7 @@ impl LightMaps {
         p: DVec3,
         n: DVec3,
         tracing: &Tracing,
-        seen: &mut Seen,
+        seen: &mut SampleVisibility,
         s: &mut Scratch,
     ) {
         let start = map.view.project(p);
@@ -533,7 +538,7 @@ impl LightMaps {
             end: (0.5 * (nearest + farthest)) as f32,
             plane: tangent_plane(map, p, n),
         };
-        let mut traced = Seen {
+        let mut traced = SampleVisibility {
             open: valid,
             through: seen.through,
         };

@@ -38,7 +38,7 @@ use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{LightSamples, Pattern, Sampler};
 use crate::simd::LANES;
-use trace::{Blocker, Parts, Tracer};
+use trace::{Blocker, Intervals, Tracer};
 
 /// Most views: the centre, corners, and the middles between them.
 pub const MOST_VIEWS: u32 = 9;
@@ -60,7 +60,7 @@ pub struct Mvsm {
     pub views: u32,
     /// Light samples a receiver.
     pub samples: u32,
-    /// Of the light samples.
+    /// Seed of the light samples.
     pub seed: u64,
     /// Largest difference of depth that a wall closes, world units.
     pub gap: Option<f64>,
@@ -109,9 +109,10 @@ struct Views {
     maps: Vec<LayerMap>,
     /// The whole light as each map sees it.
     sources: Vec<Source>,
-    /// Of each map planes, towards the light, that hold all that it shows, if few do.
+    /// For each map, the planes of its triangles, turned towards the light; empty where they are many, or one has the
+    /// light on both sides.
     planes: Vec<Vec<(DVec3, f64)>>,
-    /// Of every view and group the numbers of its maps.
+    /// For every view and group of faces, the range of maps in `maps` that belong to it.
     groups: Vec<Vec<std::ops::Range<usize>>>,
 }
 
@@ -327,12 +328,12 @@ fn blocker(
 ) -> Option<Blocker> {
     let groups = views.groups.iter().map(Vec::len).max().unwrap_or(0);
     for group in 0..groups {
-        let mut left = Parts::one(start, 1.0);
+        let mut left = Intervals::one(start, 1.0);
         for view in &views.groups {
             let Some(maps) = view.get(group) else {
                 continue;
             };
-            let mut hidden = Parts::default();
+            let mut hidden = Intervals::default();
             for map in maps.clone() {
                 let (tracer, (from, nearest)) = (&tracers[map], places[map]);
                 if nearest == 0.0 {

@@ -27,15 +27,15 @@ const MOST_PARTS: usize = 6;
 
 /// Parts of a segment, by their start and end as fractions of its length.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Parts {
+pub struct Intervals {
     parts: [(f32, f32); MOST_PARTS],
     count: usize,
 }
 
-impl Parts {
+impl Intervals {
     /// A single part.
     pub fn one(start: f32, end: f32) -> Self {
-        let mut out = Parts::default();
+        let mut out = Intervals::default();
         out.add(start, end);
         out
     }
@@ -155,9 +155,9 @@ impl<'a> Tracer<'a> {
     pub fn trace(
         &self,
         segment: &Segment,
-        parts: &Parts,
+        parts: &Intervals,
         nearest: f32,
-        hidden: &mut Parts,
+        hidden: &mut Intervals,
     ) -> Option<(u32, u32)> {
         for (start, end) in parts.iter() {
             if let Some((start, end)) = self.clip(segment, start, end, nearest)
@@ -204,7 +204,7 @@ impl<'a> Tracer<'a> {
         segment: &Segment,
         start: f32,
         end: f32,
-        mut hidden: Option<&mut Parts>,
+        mut hidden: Option<&mut Intervals>,
         within: Option<[u32; 4]>,
     ) -> Found {
         let map = self.map;

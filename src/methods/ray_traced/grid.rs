@@ -12,7 +12,7 @@ pub(super) type Cells = u32;
 
 /// The image of an edge in the grid over the light, in cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Line {
+pub(super) struct EdgeImage {
     /// Ends.
     pub(super) ends: [[f32; 2]; 2],
     /// By how much the image may be off, in both directions.
@@ -20,7 +20,7 @@ pub(super) struct Line {
 }
 
 /// Marks every cell within the line's thickness (in both directions) of it.
-pub(super) fn draw(marked: &mut [Cells; GRID], line: &Line) {
+pub(super) fn draw(marked: &mut [Cells; GRID], line: &EdgeImage) {
     let [p, q] = line.ends;
     let thickness = line.thickness;
     let (p, q) = if p[1] <= q[1] { (p, q) } else { (q, p) };
@@ -173,8 +173,8 @@ const OUTSIDE_DISK: [Cells; GRID] = {
 mod tests {
     use super::*;
 
-    fn line(p: [f32; 2], q: [f32; 2]) -> Line {
-        Line {
+    fn line(p: [f32; 2], q: [f32; 2]) -> EdgeImage {
+        EdgeImage {
             ends: [p, q],
             thickness: 0.01,
         }

@@ -11,7 +11,7 @@ use super::project::{Images, Viewers};
 use crate::bvh::TriangleBvh;
 use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
 use crate::geometry::Geometry;
-use crate::sampling::{GRID, Sampler, View};
+use crate::sampling::{GRID, LightProjection, Sampler};
 use crate::scene::snapshot::Snapshot;
 
 /// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
@@ -23,7 +23,7 @@ const FEWEST: usize = 4;
 
 /// What became of a search for edges.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Found {
+pub(super) enum SearchResult {
     /// All edges that matter are known.
     All,
     /// There are too many; halving the receivers at this coordinate of this axis may help.
@@ -33,7 +33,7 @@ pub(super) enum Found {
 }
 
 /// What a receiver sees of the edges before the light.
-pub(super) enum Seen<'a> {
+pub(super) enum EdgeCells<'a> {
     /// The light cannot be seen as a grid, or an edge comes too close.
     Unclear,
     /// There are none.
@@ -47,7 +47,7 @@ pub(super) enum Seen<'a> {
 pub(super) struct Group {
     stack: Vec<u32>,
     edges: Vec<EdgePlanes>,
-    views: Vec<Option<View>>,
+    views: Vec<Option<LightProjection>>,
     viewers: Box<Viewers>,
     images: Box<Images>,
 }
@@ -59,7 +59,7 @@ impl Group {
         geometry: &Snapshot,
         sampler: &Sampler,
         origins: &[Vec3],
-    ) -> Found {
+    ) -> SearchResult {
         self.edges.clear();
         self.views.clear();
         self.views
@@ -75,14 +75,14 @@ impl Group {
         let low = facing().fold(Vec3::INFINITY, Vec3::min);
         let high = facing().fold(Vec3::NEG_INFINITY, Vec3::max);
         if low.x > high.x {
-            return Found::NotHere;
+            return SearchResult::NotHere;
         }
         let light = padded_bounds(sampler.light());
         let shaft = Shaft::new((low, high), light);
         let occluders = geometry.occluders();
         let spheres = occluders.spheres.as_ref();
         if spheres.is_some_and(|s| s.tree.any_leaf(|node| shaft.meets(node))) {
-            return Found::NotHere;
+            return SearchResult::NotHere;
         }
         let transparent = occluders.transparent.as_ref().map(|(bvh, _)| bvh);
         let found = [Some(&occluders.opaque), transparent]
@@ -92,7 +92,7 @@ impl Group {
         if found {
             self.viewers.set(&self.views, origins);
             self.viewers.project(&self.edges, &mut self.images);
-            return Found::All;
+            return SearchResult::All;
         }
         // Halving the receivers narrows the shaft only where they are spread wide next to the light,
         // as over the step from an outline to what lies behind it.
@@ -101,9 +101,9 @@ impl Group {
         let wide = spread[axis] > WIDE * (light.1 - light.0).max_element();
         if wide && origins.len() > FEWEST {
             let middle = 0.5 * (low[axis] + high[axis]);
-            return Found::Split(axis, f64::from(middle));
+            return SearchResult::Split(axis, f64::from(middle));
         }
-        Found::NotHere
+        SearchResult::NotHere
     }
 
     fn collect_from(&mut self, geometry: &Geometry, bvh: &TriangleBvh, shaft: &Shaft) -> bool {
@@ -113,13 +113,13 @@ impl Group {
     }
 
     /// What edges cover of the light that receiver `k` sees.
-    pub(super) fn seen_by(&self, k: usize) -> Seen<'_> {
+    pub(super) fn seen_by(&self, k: usize) -> EdgeCells<'_> {
         if self.views[k].is_none() || self.images.unclear >> k & 1 == 1 {
-            Seen::Unclear
+            EdgeCells::Unclear
         } else if self.images.touched >> k & 1 == 0 {
-            Seen::NoEdge
+            EdgeCells::NoEdge
         } else {
-            Seen::Edges(&self.images.marked[k])
+            EdgeCells::Edges(&self.images.marked[k])
         }
     }
 }

@@ -41,7 +41,7 @@ use crate::receivers::Receivers;
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
 use grid::Grid;
-use group::{Found, Group, Seen};
+use group::{EdgeCells, Group, SearchResult};
 
 /// Most candidate edges of a group. Beyond, the group is halved, or its samples are all traced: looking
 /// at so many edges costs as much. Half and twice as many make no difference to speed.
@@ -247,9 +247,9 @@ impl PreparedRayTraced {
         let found = if light.cull {
             s.group.collect(&self.geometry, &light.sampler, &s.origins)
         } else {
-            Found::NotHere
+            SearchResult::NotHere
         };
-        if let Found::Split(axis, middle) = found {
+        if let SearchResult::Split(axis, middle) = found {
             let key = |&i: &usize| receivers.positions[i][axis] < middle;
             ids.sort_by_key(key);
             let (low, high) = ids.split_at_mut(ids.partition_point(|i| !key(i)));
@@ -259,7 +259,14 @@ impl PreparedRayTraced {
                 return;
             }
         }
-        self.shade_each(receivers, ids, light, matches!(found, Found::All), s, put);
+        self.shade_each(
+            receivers,
+            ids,
+            light,
+            matches!(found, SearchResult::All),
+            s,
+            put,
+        );
     }
 
     /// Shades receivers one by one; `known`: the group holds the edges that they must heed.
@@ -289,10 +296,10 @@ impl PreparedRayTraced {
             let seen = if known {
                 s.group.seen_by(k)
             } else {
-                Seen::Unclear
+                EdgeCells::Unclear
             };
             match seen {
-                Seen::NoEdge if binary => {
+                EdgeCells::NoEdge if binary => {
                     // Any light point will do; the same for neighbours keeps their segments together.
                     let segment = s.tracer.add(k, MIDDLE, light.sampler.middle(p));
                     let sums = sums_of_valid(&s.samples);
@@ -302,8 +309,8 @@ impl PreparedRayTraced {
                         sums,
                     });
                 }
-                Seen::NoEdge | Seen::Edges(_) => {
-                    let marked = if let Seen::Edges(cells) = seen {
+                EdgeCells::NoEdge | EdgeCells::Edges(_) => {
+                    let marked = if let EdgeCells::Edges(cells) = seen {
                         cells
                     } else {
                         &[0; GRID]
@@ -315,7 +322,7 @@ impl PreparedRayTraced {
                     });
                     s.share_segments(k);
                 }
-                Seen::Unclear => put(i, s.trace_all(occluders, s.origins[k])),
+                EdgeCells::Unclear => put(i, s.trace_all(occluders, s.origins[k])),
             }
         }
         s.tracer.trace(occluders, &s.origins);

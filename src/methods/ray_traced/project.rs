@@ -7,10 +7,10 @@
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::Vec3;
 
-use super::grid::{Cells, Line, columns, draw};
+use super::grid::{Cells, EdgeImage, columns, draw};
 use crate::bvh::outline::EdgePlanes;
 use crate::receivers::GROUP;
-use crate::sampling::{GRID, View, WHOLE};
+use crate::sampling::{GRID, LightProjection, WHOLE};
 use crate::simd::{LANES, Lanes, Row, detect};
 
 /// Rows of lanes in a group of receivers.
@@ -67,7 +67,7 @@ impl Default for Images {
 
 impl Viewers {
     /// Takes up to [`GROUP`] receivers; those without a view see nothing.
-    pub(super) fn set(&mut self, views: &[Option<View>], origins: &[Vec3]) {
+    pub(super) fn set(&mut self, views: &[Option<LightProjection>], origins: &[Vec3]) {
         self.valid = [0; ROWS];
         for (k, (view, origin)) in views.iter().zip(origins).enumerate() {
             let (row, lane) = (k / LANES, k % LANES);
@@ -289,7 +289,7 @@ impl<S: Simd> Clipped<S> {
                 }
                 continue;
             }
-            let line = Line {
+            let line = EdgeImage {
                 ends: [
                     [rows[0].0[lane], rows[1].0[lane]],
                     [rows[2].0[lane], rows[3].0[lane]],
@@ -328,7 +328,7 @@ mod tests {
     /// an edge: the cells, and whether it is unclear.
     fn seen(ends: [[f32; 3]; 2]) -> (Option<[Cells; GRID]>, bool) {
         let mut viewers = Viewers::default();
-        let view = View {
+        let view = LightProjection {
             u: Vec3::X,
             v: Vec3::Y,
             w: Vec3::Z,
@@ -371,7 +371,7 @@ mod tests {
         ];
         for (ends, image) in edges {
             let mut expected = [0; GRID];
-            let line = Line {
+            let line = EdgeImage {
                 ends: image,
                 thickness: THICKNESS,
             };

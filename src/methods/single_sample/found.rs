@@ -3,7 +3,7 @@
 use crate::simd::{LANES, Row};
 
 /// Something near a ray: its number and its distance.
-pub(super) type Part = (u32, f32);
+pub(super) type NearPart = (u32, f32);
 
 /// The distances found so far.
 #[derive(Debug, Clone, Default)]
@@ -13,8 +13,8 @@ pub(super) struct Found {
     pub(super) changed: bool,
     /// Whether parts are kept.
     pub(super) keep: bool,
-    parts: [Vec<Part>; LANES],
-    nearest: [Part; LANES],
+    parts: [Vec<NearPart>; LANES],
+    nearest: [NearPart; LANES],
 }
 
 impl Found {
@@ -27,7 +27,7 @@ impl Found {
     }
 
     /// What a ray passes: each part, or the nearest distance alone.
-    pub(super) fn near(&mut self, lane: usize) -> &mut [Part] {
+    pub(super) fn near(&mut self, lane: usize) -> &mut [NearPart] {
         if self.keep {
             return &mut self.parts[lane];
         }

@@ -1,7 +1,7 @@
 //! Views of sixteen receivers, as rows for the searches.
 //!
-//! The same numbers as in [`View`], found sixteen at a time in `f32`. That is enough: what they are multiplied
-//! with is measured from the ray. A light that is low over a receiver's horizon is set up by [`View`]
+//! The same numbers as in [`ReceiverView`], found in `f32` for sixteen receivers at once. That is enough: what they are
+//! multiplied with is measured from the ray. A light that is low over a receiver's horizon is set up by [`ReceiverView`]
 //! itself, and so is what a search wants in `f64`, when it does.
 
 use std::cell::OnceCell;
@@ -9,7 +9,7 @@ use std::cell::OnceCell;
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::{DVec3, Vec3};
 
-use super::view::{Kind, NEAREST, Outline, STRIP, View};
+use super::view::{DoubledLight, DoubledOutline, NEAREST, ReceiverView, STRIP};
 use crate::bvh::packet::Packet;
 use crate::frame::POINT_OFFSET;
 use crate::simd::{LANES, Lanes, Level, Row};
@@ -23,13 +23,13 @@ const WIDER: f32 = 1e-3;
 
 /// Views of sixteen receivers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Views {
+pub(super) struct ReceiverViews {
     /// The rays.
     pub(super) packet: Packet,
-    outline: Outline,
+    doubled: DoubledLight,
     normals: [DVec3; LANES],
-    views: [OnceCell<View>; LANES],
-    /// The functionals of [`View`].
+    views: [OnceCell<ReceiverView>; LANES],
+    /// The functionals of [`ReceiverView`].
     pub(super) x: [Row; 3],
     pub(super) y: [Row; 3],
     pub(super) w: [Row; 3],
@@ -50,10 +50,10 @@ pub(super) struct Views {
     pub(super) low: u16,
 }
 
-impl Views {
+impl ReceiverViews {
     /// Starts anew, with a light.
-    pub(super) fn clear(&mut self, outline: &Outline) {
-        self.outline = *outline;
+    pub(super) fn clear(&mut self, doubled: &DoubledLight) {
+        self.doubled = *doubled;
         for view in &mut self.views {
             *view = OnceCell::new();
         }
@@ -61,7 +61,7 @@ impl Views {
 
     /// Sets a receiver: where its rays start, and its normal.
     pub(super) fn set(&mut self, lane: usize, origin: Vec3, normal: DVec3) {
-        self.packet.set(lane, origin, self.outline.target());
+        self.packet.set(lane, origin, self.doubled.target());
         self.normals[lane] = normal;
         for k in 0..3 {
             self.normal[k].0[lane] = normal[k] as f32;
@@ -88,9 +88,10 @@ impl Views {
     }
 
     /// A receiver's view in `f64`.
-    pub(super) fn view(&self, lane: usize) -> &View {
+    pub(super) fn view(&self, lane: usize) -> &ReceiverView {
         self.views[lane].get_or_init(|| {
-            let mut view = View::new(&self.outline, self.packet.origin(lane), self.normals[lane]);
+            let mut view =
+                ReceiverView::new(&self.doubled, self.packet.origin(lane), self.normals[lane]);
             // What is low is what the rows say.
             view.low = self.low >> lane & 1 == 1;
             view
@@ -99,12 +100,12 @@ impl Views {
 
     /// Whether the light is a parallelogram.
     pub(super) fn rect(&self) -> bool {
-        self.outline.is_rect()
+        self.doubled.is_rect()
     }
 
     /// How far the doubled light reaches from its centre.
     pub(super) fn reach(&self) -> f32 {
-        self.outline.reach as f32
+        self.doubled.reach as f32
     }
 }
 
@@ -150,7 +151,7 @@ fn across<S: Simd>(simd: S, m: Vector<S>) -> [Vector<S>; 2] {
 }
 
 #[inline(always)]
-fn look<S: Simd>(simd: S, views: &mut Views) {
+fn look<S: Simd>(simd: S, views: &mut ReceiverViews) {
     let zero = f32x16::splat(simd, 0.0);
     let o: Vector<S> = [
         views.packet.origins()[0].load(simd),
@@ -162,14 +163,14 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
         views.normal[1].load(simd),
         views.normal[2].load(simd),
     ];
-    let outline = views.outline;
-    let target: Vector<S> = splat(simd, outline.target().as_dvec3());
+    let doubled = views.doubled;
+    let target: Vector<S> = splat(simd, doubled.target().as_dvec3());
     let l = less(target, f32x16::splat(simd, 1.0), o);
     let length = dot(l, l).sqrt().greater(f32::MIN_POSITIVE);
     let inverse = 1.0 / length;
-    let plane = match outline.kind {
-        Kind::Rect(_, _, m) | Kind::Disk(m, _, _) => splat(simd, m),
-        Kind::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
+    let plane = match doubled.kind {
+        DoubledOutline::Rect(_, _, m) | DoubledOutline::Disk(m, _, _) => splat(simd, m),
+        DoubledOutline::Sphere(_) => [l[0] * inverse, l[1] * inverse, l[2] * inverse],
     };
     let depth = dot(plane, l);
     views.soft = (f32::EPSILON * length).lt(depth);
@@ -182,8 +183,8 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
     store(w, &mut views.w);
     let in_plane = less(n, dot(n, plane), plane);
     let wider = 1.0 + WIDER;
-    let (x, y, width) = match outline.kind {
-        Kind::Rect([u, v], [du, dv], _) => {
+    let (x, y, width) = match doubled.kind {
+        DoubledOutline::Rect([u, v], [du, dv], _) => {
             store::<S>(
                 splat(simd, (u.abs() + v.abs()) * f64::from(wider)),
                 &mut views.spread,
@@ -191,7 +192,7 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
             let width = dot(n, splat(simd, u)).abs() + dot(n, splat(simd, v)).abs();
             (splat(simd, du), splat(simd, dv), width)
         }
-        Kind::Disk(_, [e, f], diameter) => {
+        DoubledOutline::Disk(_, [e, f], diameter) => {
             let d = f32x16::splat(simd, diameter as f32);
             (
                 splat(simd, e / diameter),
@@ -199,7 +200,7 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
                 d * dot(in_plane, in_plane).sqrt(),
             )
         }
-        Kind::Sphere(diameter) => {
+        DoubledOutline::Sphere(diameter) => {
             let (d, over) = (
                 f32x16::splat(simd, diameter as f32),
                 f32x16::splat(simd, (1.0 / diameter) as f32),
@@ -212,7 +213,7 @@ fn look<S: Simd>(simd: S, views: &mut Views) {
             )
         }
     };
-    if let Kind::Disk(_, _, diameter) | Kind::Sphere(diameter) = outline.kind {
+    if let DoubledOutline::Disk(_, _, diameter) | DoubledOutline::Sphere(diameter) = doubled.kind {
         let d = f32x16::splat(simd, diameter as f32);
         for (m, row) in plane.into_iter().zip(&mut views.spread) {
             let square = (1.0 - m * m).greater(zero);

@@ -75,24 +75,13 @@ use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::light::falloff::Falloff;
-use crate::light::reach::Outline as Look;
-use crate::method::{Method, Prepared, Shading};
+use crate::light::reach::LightOutline;
+use crate::method::{Method, Overlap, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::simd::{LANES, detect};
-use found::{Found, Part};
-use lanes::Views;
-use view::Outline;
-
-/// How the shadows of different objects combine.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Overlap {
-    /// The darkest counts (the paper).
-    Minimum,
-    /// What they leave visible is multiplied.
-    Multiply,
-    /// What they hide is added.
-    Add,
-}
+use found::{Found, NearPart};
+use lanes::ReceiverViews;
+use view::DoubledLight;
 
 /// Parameters of single sample soft shadows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,7 +99,7 @@ pub struct SingleSample {
 impl SingleSample {
     /// Visibility at a distance `tau` from the inner object, of 1 where the outer one ends.
     pub fn visible(falloff: Falloff, tau: f64) -> f64 {
-        falloff.visible(tau.clamp(0.0, 1.0), 0.0, &Look::Sphere(1.0))
+        falloff.visible(tau.clamp(0.0, 1.0), 0.0, &LightOutline::Sphere(1.0))
     }
 
     /// Prepares a scene; lights are in world coordinates.
@@ -186,7 +175,7 @@ pub struct PreparedSingleSample {
 /// What a thread keeps between groups.
 #[derive(Default)]
 struct Scratch {
-    views: Views,
+    views: ReceiverViews,
     found: Found,
     stack: Stack,
     /// Receivers with some of the light above their horizon, and how much.
@@ -203,12 +192,12 @@ impl PreparedSingleSample {
         light: usize,
         control: &Control,
         dark: T,
-        each: impl Fn(f64, Option<&mut [Part]>) -> T + Sync,
+        each: impl Fn(f64, Option<&mut [NearPart]>) -> T + Sync,
     ) -> Result<Vec<T>> {
         let light = &self.lights[light];
         let occluders = self.geometry.occluders();
         let target = light.target();
-        let outline = (!light.is_point()).then(|| Outline::new(light, target));
+        let doubled = (!light.is_point()).then(|| DoubledLight::new(light, target));
         receivers.by_groups(control, dark, Scratch::default, |scratch, range, out| {
             let first = range.start;
             let fraction = |i| {
@@ -219,10 +208,10 @@ impl PreparedSingleSample {
             lit.clear();
             lit.extend(range.map(fraction).filter(|l| l.1 > 0.0));
             for lanes in lit.chunks(LANES) {
-                let blocked = match &outline {
+                let blocked = match &doubled {
                     None => hard_shadows(occluders, receivers, lanes, target, scratch),
-                    Some(outline) => {
-                        self.soft_shadows(occluders, receivers, lanes, outline, scratch)
+                    Some(doubled) => {
+                        self.soft_shadows(occluders, receivers, lanes, doubled, scratch)
                     }
                 };
                 for (lane, &(i, h)) in lanes.iter().enumerate() {
@@ -241,7 +230,7 @@ impl PreparedSingleSample {
         occluders: &Occluders,
         receivers: &Receivers,
         lanes: &[(usize, f64)],
-        outline: &Outline,
+        doubled: &DoubledLight,
         scratch: &mut Scratch,
     ) -> u16 {
         let Scratch {
@@ -252,7 +241,7 @@ impl PreparedSingleSample {
         } = scratch;
         let active = u16::MAX >> (LANES - lanes.len());
         let level = detect();
-        views.clear(outline);
+        views.clear(doubled);
         for (lane, &(i, _)) in lanes.iter().enumerate() {
             views.set(lane, receivers.ray_origin(i), receivers.normals[i]);
         }
@@ -276,12 +265,12 @@ impl PreparedSingleSample {
     }
 
     /// Combines what a ray passes nearer than the outer limit.
-    fn visible(&self, near: Option<&mut [Part]>) -> f64 {
+    fn visible(&self, near: Option<&mut [NearPart]>) -> f64 {
         let Some(near) = near else {
             return 0.0;
         };
         let falloff = self.method.falloff;
-        let seen = |part: &Part| SingleSample::visible(falloff, f64::from(part.1));
+        let seen = |part: &NearPart| SingleSample::visible(falloff, f64::from(part.1));
         if self.method.overlap == Overlap::Minimum {
             return near.iter().map(seen).fold(1.0, f64::min);
         }

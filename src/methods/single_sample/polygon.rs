@@ -5,7 +5,7 @@
 
 use glam::{DVec4, Vec3};
 
-use super::view::{STRIP, View};
+use super::view::{ReceiverView, STRIP};
 
 /// A triangle cut by seven planes has at most ten corners.
 const MOST: usize = 10;
@@ -48,7 +48,7 @@ impl Polygon {
     }
 
     /// Smallest distance from the ray.
-    fn distance(&self, view: &View) -> f64 {
+    fn distance(&self, view: &ReceiverView) -> f64 {
         let mut least = f64::INFINITY;
         let place = |c: DVec4| (c.x / c.z, c.y / c.z);
         for (i, &a) in self.corners().iter().enumerate() {
@@ -77,7 +77,7 @@ impl Polygon {
     }
 }
 
-impl View {
+impl ReceiverView {
     /// The distance of a triangle from the ray, at least 1 where it does not count; `limit` is the largest
     /// that is asked for.
     pub(super) fn triangle(&self, corners: &[Vec3; 3], limit: f64) -> f64 {
@@ -122,7 +122,7 @@ impl View {
             .max_by(|a, b| highest(a).total_cmp(&highest(b)));
         top.map_or(f64::INFINITY, |c| {
             let tau = self.distance(c.x / c.z, c.y / c.z);
-            View::faded(tau, c.w / c.z / self.width)
+            ReceiverView::faded(tau, c.w / c.z / self.width)
         })
     }
 }

@@ -13,8 +13,8 @@ use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
 use super::found::Found;
-use super::lanes::Views;
-use super::view::View;
+use super::lanes::ReceiverViews;
+use super::view::ReceiverView;
 use crate::bvh::SphereBvh;
 use crate::bvh::crossing::sphere_crossings;
 use crate::bvh::grown::{Leaves, traverse};
@@ -33,7 +33,7 @@ const SLACK: f32 = 32.0 / (1 << 24) as f32;
 pub(super) fn search(
     level: Level,
     bvh: &SphereBvh,
-    views: &Views,
+    views: &ReceiverViews,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
@@ -45,7 +45,7 @@ pub(super) fn search(
 fn all<S: Simd>(
     simd: S,
     bvh: &SphereBvh,
-    views: &Views,
+    views: &ReceiverViews,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
@@ -82,7 +82,7 @@ fn all<S: Simd>(
 
 struct Spheres<'a, S: Simd> {
     bvh: &'a SphereBvh,
-    views: &'a Views,
+    views: &'a ReceiverViews,
     origin: [f32x16<S>; 3],
     ray: [f32x16<S>; 3],
     /// One over the rays' squared lengths.
@@ -156,7 +156,7 @@ impl<S: Simd> Spheres<'_, S> {
     }
 }
 
-impl View {
+impl ReceiverView {
     /// The distance from the ray of a sphere around `c` (from the receiver), which the ray does not cross;
     /// at least 1 where it does not count.
     pub(super) fn sphere(&self, c: DVec3, radius: f64) -> f64 {
@@ -194,7 +194,7 @@ impl View {
             self.distance(self.x.dot(p) / w, self.y.dot(p) / w)
         };
         if tau < 1.0 && self.low {
-            View::faded(tau, self.top(c, radius) / self.width)
+            ReceiverView::faded(tau, self.top(c, radius) / self.width)
         } else {
             tau
         }

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::found::Found;
-use super::lanes::Views;
+use super::lanes::ReceiverViews;
 use super::triangles::search;
-use super::view::{Outline, View};
+use super::view::{DoubledLight, ReceiverView};
 use crate::bvh::packet;
 use crate::bvh::packet::Stack;
 use crate::geometry::entry::Material;
@@ -60,10 +60,10 @@ fn soup(random: &mut Random, count: usize, size: f64) -> Scene {
 }
 
 /// Views of random receivers, a third without a tangent plane.
-fn views(random: &mut Random, light: &Light) -> Views {
-    let outline = Outline::new(light, light.center().as_vec3());
-    let mut views = Views::default();
-    views.clear(&outline);
+fn views(random: &mut Random, light: &Light) -> ReceiverViews {
+    let doubled = DoubledLight::new(light, light.center().as_vec3());
+    let mut views = ReceiverViews::default();
+    views.clear(&doubled);
     for lane in 0..LANES {
         let mut n = random.point().normalize();
         if lane % 3 == 0 {
@@ -133,14 +133,14 @@ fn a_triangles_distance_is_that_of_its_nearest_point() {
     let mut counted = 0;
     for round in 0..600 {
         let light = lights(&mut random)[round % 3];
-        let outline = Outline::new(&light, light.center().as_vec3());
+        let doubled = DoubledLight::new(&light, light.center().as_vec3());
         let origin = (0.5 * random.point()).as_vec3();
         let n = if round % 2 == 0 {
             DVec3::ZERO
         } else {
             random.point().normalize()
         };
-        let view = View::new(&outline, origin, n);
+        let view = ReceiverView::new(&doubled, origin, n);
         if !view.soft || view.low {
             continue;
         }

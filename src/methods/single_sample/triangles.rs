@@ -9,7 +9,7 @@ use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::Vec3;
 
 use super::found::Found;
-use super::lanes::Views;
+use super::lanes::ReceiverViews;
 use crate::bvh::TriangleBvh;
 use crate::bvh::grown::{Leaves, traverse};
 use crate::bvh::packet::{Rays, Stack, longest_axes, prepare, shear, triangle};
@@ -21,7 +21,7 @@ pub(super) fn search(
     level: Level,
     bvh: &TriangleBvh,
     parts: Option<&[u32]>,
-    views: &Views,
+    views: &ReceiverViews,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
@@ -34,7 +34,7 @@ fn all_axes<S: Simd>(
     simd: S,
     bvh: &TriangleBvh,
     parts: Option<&[u32]>,
-    views: &Views,
+    views: &ReceiverViews,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
@@ -58,7 +58,7 @@ fn along<S: Simd, const AXIS: usize>(
     simd: S,
     bvh: &TriangleBvh,
     parts: Option<&[u32]>,
-    views: &Views,
+    views: &ReceiverViews,
     active: u16,
     found: &mut Found,
     stack: &mut Stack,
@@ -99,7 +99,7 @@ fn along<S: Simd, const AXIS: usize>(
 struct Triangles<'a, S: Simd, const AXIS: usize> {
     bvh: &'a TriangleBvh,
     parts: Option<&'a [u32]>,
-    views: &'a Views,
+    views: &'a ReceiverViews,
     rays: Rays<S, AXIS>,
     /// The functionals for the two sheared coordinates.
     x: [f32x16<S>; 2],

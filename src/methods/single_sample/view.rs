@@ -14,7 +14,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::frame::POINT_OFFSET;
-use crate::light::{Disk, Light, Rect, Shape, Sphere};
+use crate::light::{DiskLight, Light, RectLight, Shape, SphereLight};
 
 /// Height over the tangent plane, in widths of the light, up to which it is left to `h` what hides the
 /// light, with what rises so high fading in.
@@ -32,17 +32,17 @@ pub(super) const NEAREST: f64 = 16.0 * POINT_OFFSET;
 
 /// A light's shape, ready for views.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Outline {
+pub(super) struct DoubledLight {
     /// Where shadow rays go.
     target: DVec3,
-    pub(super) kind: Kind,
+    pub(super) kind: DoubledOutline,
     /// Largest distance of a point on the doubled light from its centre.
     pub(super) reach: f64,
 }
 
-/// The shapes.
+/// What a light's shape is once it is doubled, for each shape.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Kind {
+pub(super) enum DoubledOutline {
     /// Edges, their dual vectors and the normal away from the lit side.
     Rect([DVec3; 2], [DVec3; 2], DVec3),
     /// Normal away from the lit side, two unit vectors across and the diameter.
@@ -51,38 +51,38 @@ pub(super) enum Kind {
     Sphere(f64),
 }
 
-impl Default for Kind {
+impl Default for DoubledOutline {
     fn default() -> Self {
-        Kind::Sphere(0.0)
+        DoubledOutline::Sphere(0.0)
     }
 }
 
-impl Outline {
-    /// Of a local light that is not a point; `target` is where shadow rays to its centre end.
+impl DoubledLight {
+    /// The shape of a local light that is not a point; `target` is where shadow rays to its centre end.
     pub(super) fn new(light: &Light, target: Vec3) -> Self {
         let target = target.as_dvec3();
         match light.shape {
-            Shape::Rect(Rect { u, v, .. }) => {
+            Shape::Rect(RectLight { u, v, .. }) => {
                 let across = u.cross(v);
                 let (du, dv) = (v.cross(across), across.cross(u));
                 let duals = [du / u.dot(du), dv / v.dot(dv)];
-                Outline {
+                DoubledLight {
                     target,
-                    kind: Kind::Rect([u, v], duals, -across.normalize()),
+                    kind: DoubledOutline::Rect([u, v], duals, -across.normalize()),
                     reach: u.length() + v.length(),
                 }
             }
-            Shape::Disk(Disk { normal, radius, .. }) => {
+            Shape::Disk(DiskLight { normal, radius, .. }) => {
                 let (e, f) = normal.any_orthonormal_pair();
-                Outline {
+                DoubledLight {
                     target,
-                    kind: Kind::Disk(-normal, [e, f], 2.0 * radius),
+                    kind: DoubledOutline::Disk(-normal, [e, f], 2.0 * radius),
                     reach: 2.0 * radius,
                 }
             }
-            Shape::Sphere(Sphere { radius, .. }) => Outline {
+            Shape::Sphere(SphereLight { radius, .. }) => DoubledLight {
                 target,
-                kind: Kind::Sphere(2.0 * radius),
+                kind: DoubledOutline::Sphere(2.0 * radius),
                 reach: 2.0 * radius,
             },
         }
@@ -95,19 +95,19 @@ impl Outline {
 
     /// Whether places are measured by the larger of two coordinates, not by their length.
     pub(super) fn is_rect(&self) -> bool {
-        matches!(self.kind, Kind::Rect(..))
+        matches!(self.kind, DoubledOutline::Rect(..))
     }
 }
 
 /// A receiver's view of a light.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct View {
+pub(super) struct ReceiverView {
     /// Start of the shadow ray.
     pub(super) origin: Vec3,
     /// End of the shadow ray: the light's centre, or the nearest place on the light's plane that is
     /// [`STRIP`] above the tangent plane.
     pub(super) target: Vec3,
-    /// From start to end.
+    /// The shadow ray, from start to end.
     pub(super) ray: DVec3,
     /// The functionals of `X`, `Y` and `W`.
     pub(super) x: DVec3,
@@ -131,42 +131,42 @@ pub(super) struct View {
     pub(super) flat: bool,
 }
 
-impl View {
-    /// From a receiver with this start of its rays and this normal.
-    pub(super) fn new(outline: &Outline, origin: Vec3, normal: DVec3) -> Self {
+impl ReceiverView {
+    /// The view from a receiver with this start of its rays and this normal.
+    pub(super) fn new(doubled: &DoubledLight, origin: Vec3, normal: DVec3) -> Self {
         let o = origin.as_dvec3();
-        let mut l = outline.target - o;
+        let mut l = doubled.target - o;
         let length = l.length();
-        let plane = match outline.kind {
-            Kind::Rect(_, _, m) | Kind::Disk(m, _, _) => m,
-            Kind::Sphere(_) if length > 0.0 => l / length,
-            Kind::Sphere(_) => DVec3::ZERO,
+        let plane = match doubled.kind {
+            DoubledOutline::Rect(_, _, m) | DoubledOutline::Disk(m, _, _) => m,
+            DoubledOutline::Sphere(_) if length > 0.0 => l / length,
+            DoubledOutline::Sphere(_) => DVec3::ZERO,
         };
         let depth = plane.dot(l);
-        let mut view = View {
+        let mut view = ReceiverView {
             origin,
-            target: outline.target.as_vec3(),
+            target: doubled.target.as_vec3(),
             ray: l,
             normal,
-            rect: outline.is_rect(),
-            ..View::default()
+            rect: doubled.is_rect(),
+            ..ReceiverView::default()
         };
         // Below an ulp of the distance the coordinates cannot tell how the light is seen.
         if depth <= f64::from(f32::EPSILON) * length {
             return view;
         }
         view.soft = true;
-        view.flat = !matches!(outline.kind, Kind::Sphere(_));
+        view.flat = !matches!(doubled.kind, DoubledOutline::Sphere(_));
         let in_plane = normal - normal.dot(plane) * plane;
         // The doubled light's size along the axes and the normal, and what moves a place up the normal
         // within the light's plane.
-        let (up, width) = match outline.kind {
-            Kind::Rect([u, v], ..) => {
+        let (up, width) = match doubled.kind {
+            DoubledOutline::Rect([u, v], ..) => {
                 view.spread = u.abs() + v.abs();
                 let (nu, nv) = (normal.dot(u), normal.dot(v));
                 (u * nu + v * nv, nu.abs() + nv.abs())
             }
-            Kind::Disk(_, _, diameter) | Kind::Sphere(diameter) => {
+            DoubledOutline::Disk(_, _, diameter) | DoubledOutline::Sphere(diameter) => {
                 let across = (DVec3::ONE - plane * plane).max(DVec3::ZERO);
                 view.spread = diameter * across.map(f64::sqrt);
                 (in_plane, diameter * in_plane.length())
@@ -189,10 +189,10 @@ impl View {
         view.w = plane / plane.dot(l);
         view.nearest = NEAREST * o.abs().max_element().max(1.0) / l.length();
         let place = |dual: DVec3| dual - dual.dot(l) * view.w;
-        (view.x, view.y) = match outline.kind {
-            Kind::Rect(_, [u, v], _) => (place(u), place(v)),
-            Kind::Disk(_, [e, f], diameter) => (place(e / diameter), place(f / diameter)),
-            Kind::Sphere(diameter) => {
+        (view.x, view.y) = match doubled.kind {
+            DoubledOutline::Rect(_, [u, v], _) => (place(u), place(v)),
+            DoubledOutline::Disk(_, [e, f], diameter) => (place(e / diameter), place(f / diameter)),
+            DoubledOutline::Sphere(diameter) => {
                 let (e, f) = plane.any_orthonormal_pair();
                 (place(e / diameter), place(f / diameter))
             }

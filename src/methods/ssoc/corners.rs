@@ -90,9 +90,7 @@ struct Straight {
     /// Distance and half-width in texels.
     x: f64,
     width: f64,
-    /// As of [`Outline::radius`].
-    ///
-    /// [`Outline::radius`]: crate::light::reach::Outline::radius
+    /// The part as of [`LightOutline::radius`](crate::light::reach::LightOutline::radius).
     part: f64,
 }
 

@@ -8,7 +8,7 @@
 
 use rayon::prelude::*;
 
-use super::maps::{Maps, Seen};
+use super::maps::{FirstHit, Maps};
 use crate::bvh::Occluders;
 use crate::bvh::packet::Stack;
 use crate::control::Control;
@@ -22,7 +22,7 @@ impl Maps {
     /// [`crate::error::Error::Cancelled`].
     pub fn reference(&mut self, occluders: &Occluders, control: &Control) -> Result<()> {
         let width = self.view.camera.width as usize;
-        let mut seen = vec![Seen::NOTHING; self.view.camera.pixels()];
+        let mut seen = vec![FirstHit::NOTHING; self.view.camera.pixels()];
         let rows = seen.par_chunks_mut(width).enumerate();
         rows.try_for_each_init(Stack::new, |stack, (row, out)| {
             control.check()?;
@@ -36,10 +36,10 @@ impl Maps {
     }
 
     /// What the ray of a texel sees first.
-    fn first(&self, occluders: &Occluders, texel: usize, stack: &mut Stack) -> Seen {
+    fn first(&self, occluders: &Occluders, texel: usize, stack: &mut Stack) -> FirstHit {
         let view = &self.view;
         let q = view.center(texel);
-        let straight = Seen::straight(self, texel);
+        let straight = FirstHit::straight(self, texel);
         let edge = self.outside[texel];
         if edge == NONE {
             return straight;
@@ -60,11 +60,11 @@ impl Maps {
         // Past all of the scene.
         let (from, to) = (at(bend), at(0.5 * view.inverse_far));
         let Some((t, triangle)) = occluders.first_triangle(from, to, stack) else {
-            return Seen::NOTHING;
+            return FirstHit::NOTHING;
         };
         let p = from.as_dvec3().lerp(to.as_dvec3(), t);
         let p = view.camera.rotation * (p - view.camera.eye);
-        Seen {
+        FirstHit {
             at: p.truncate() / p.z,
             inverse_depth: 1.0 / p.z,
             triangle,

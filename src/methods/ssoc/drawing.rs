@@ -10,7 +10,7 @@ use crate::memory::filled;
 use crate::raster::coverage;
 use crate::raster::coverage::Quadrilateral;
 use crate::raster::nearest::NONE;
-use crate::raster::setup::Bounds;
+use crate::raster::setup::PixelBounds;
 use crate::raster::{Cover, Tile};
 
 /// Added to the squared distance of edges with narrow penumbrae: more than that of any other.
@@ -26,7 +26,7 @@ const PART: usize = 1024;
 #[derive(Default)]
 pub(super) struct Drawing {
     pub points: Vec<DVec3>,
-    pub bounds: Vec<Bounds>,
+    pub bounds: Vec<PixelBounds>,
     pub faces: Vec<Quadrilateral>,
     pub line_of: Vec<u32>,
 }
@@ -71,7 +71,7 @@ impl Drawing {
         Drawing::join(of_lines.chain(of_joints).chain(of_loose).collect(), view)
     }
 
-    /// One drawing of several, whose faces come in their order.
+    /// Joins several drawings into one; the faces keep the drawings' order.
     fn join(parts: Vec<Drawing>, view: &View) -> Self {
         let sum = |len: fn(&Drawing) -> usize| parts.iter().map(len).sum();
         let count = sum(|part| part.faces.len());
@@ -106,7 +106,7 @@ impl Drawing {
             });
         let bounds = out.points.par_iter();
         out.bounds = bounds
-            .map(|&p| Bounds::of_vertex(p, &view.camera))
+            .map(|&p| PixelBounds::of_vertex(p, &view.camera))
             .collect();
         out
     }

@@ -1,7 +1,7 @@
 //! Groups of receivers of which most are far from any shadow: those that nothing hides are found together.
 //!
 //! A block of pixels on one triangle, where the map shows nothing but this triangle and is far from any edge, is free
-//! as a whole ([`Cells`]): no surface hides itself. In other groups ([`Group`]), the same that a lookup by itself
+//! as a whole ([`CellFaces`]): no surface hides itself. In other groups ([`GroupView`]), the same that a lookup by itself
 //! finds first, from the same numbers: all four texels around a receiver saw what hides nothing of it, far from any
 //! edge. Places and planes are found in registers, for all of a group.
 
@@ -24,13 +24,13 @@ const CELL: u32 = 8;
 
 /// For cells of a view's texels, the triangle that all of a cell's texels show, far from what any edge could hide;
 /// [`NONE`] where there is no such triangle.
-pub(super) struct Cells {
+pub(super) struct CellFaces {
     across: u32,
     shown: Vec<u32>,
 }
 
-impl Cells {
-    /// Those of a view's maps.
+impl CellFaces {
+    /// The cells of a view's maps.
     pub(super) fn new(maps: &Maps) -> Self {
         let (width, height) = (maps.view.camera.width, maps.view.camera.height);
         let across = width.div_ceil(CELL);
@@ -46,14 +46,14 @@ impl Cells {
             if alone { shown } else { NONE }
         };
         let cells = across * height.div_ceil(CELL);
-        Cells {
+        CellFaces {
             across,
             shown: (0..cells).into_par_iter().map(shown).collect(),
         }
     }
 
     /// Whether nothing but its own triangle is around a block in the view that the cells are of.
-    pub(super) fn show(&self, view: &View, block: &Block) -> bool {
+    pub(super) fn show(&self, view: &View, block: &PixelBlock) -> bool {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for corner in block.corners {
             let (q, depth) = view.project(corner);
@@ -76,14 +76,14 @@ impl Cells {
 }
 
 /// A whole block of a camera's pixels on one triangle.
-pub(super) struct Block {
+pub(super) struct PixelBlock {
     triangle: u32,
     /// The receivers at its corners; the others lie among them on the triangle's plane.
     pub corners: [DVec3; 4],
 }
 
-impl Block {
-    /// That of a group of receivers, if they are one and have a tangent plane.
+impl PixelBlock {
+    /// The block of a group of receivers, if the group is whole, lies on one triangle, and has a tangent plane.
     pub(super) fn new(receivers: &Receivers, group: &Range<usize>) -> Option<Self> {
         let (&first, rest) = receivers.faces.get(group.clone())?.split_first()?;
         let whole = group.len() == GROUP && first != NONE && rest.iter().all(|&f| f == first);
@@ -92,7 +92,7 @@ impl Block {
         }
         let side = BLOCK as usize;
         let corners = [0, side - 1, GROUP - side, GROUP - 1];
-        Some(Block {
+        Some(PixelBlock {
             triangle: first,
             corners: corners.map(|i| receivers.positions[group.start + i]),
         })
@@ -111,7 +111,7 @@ impl Block {
 }
 
 /// What a view has around a group of receivers, a column for every number.
-pub(super) struct Group {
+pub(super) struct GroupView {
     /// The four texels around each.
     texels: [[u32; GROUP]; 4],
     /// Height of the tangent plane along the texels' directions, and what it is compared with at an inverse depth
@@ -122,10 +122,10 @@ pub(super) struct Group {
     held: [u8; GROUP],
 }
 
-impl Group {
+impl GroupView {
     /// An empty one.
     pub(super) fn new() -> Self {
-        Group {
+        GroupView {
             texels: [[0; GROUP]; 4],
             height: [[0.0; GROUP]; 4],
             reach: [0.0; GROUP],
@@ -153,7 +153,7 @@ impl Group {
 
 /// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-fn look(group: &mut Group, receivers: &Many, view: &View) {
+fn look(group: &mut GroupView, receivers: &Many, view: &View) {
     for i in 0..GROUP {
         let (p, n) = receivers.at(i);
         let (receiver, depth) = Receiver::new(view, p, n);

@@ -19,8 +19,8 @@ use std::f64::consts::FRAC_2_PI;
 
 use glam::{DVec2, DVec3};
 
-use super::maps::{Maps, Seen};
-use super::receiver::{Plane, Planes, Receiver, around};
+use super::maps::{FirstHit, Maps};
+use super::receiver::{Planes, Receiver, TrianglePlane, around};
 use crate::geometry::Geometry;
 use crate::light::falloff::Falloff;
 use crate::maps::views::View;
@@ -182,7 +182,7 @@ impl<'a> Lookup<'a> {
         d: DVec3,
         inverse_depth: f64,
         receiver: &Receiver,
-        plane: &Plane,
+        plane: &TrianglePlane,
     ) -> f64 {
         // Most are larger than a texel, seen from the light: no root is needed.
         let texels = (view.focal * inverse_depth).powi(2);
@@ -270,13 +270,13 @@ impl<'a> Lookup<'a> {
     /// Whether the receiver, moved to a place in the image, is in the hard shadow there.
     #[inline(always)]
     pub(super) fn hidden_at(&self, maps: &Maps, texel: usize, receiver: &Receiver) -> bool {
-        self.hides(maps, &Seen::at(maps, texel), receiver)
+        self.hides(maps, &FirstHit::at(maps, texel), receiver)
     }
 
     /// Whether what a ray sees hides the receiver that was moved to it. The receiver is up to a texel's diagonal
     /// off the ray: as at its own place, two planes keep its surface from hiding it.
     #[inline(always)]
-    fn hides(&self, maps: &Maps, seen: &Seen, receiver: &Receiver) -> bool {
+    fn hides(&self, maps: &Maps, seen: &FirstHit, receiver: &Receiver) -> bool {
         seen.inverse_depth > receiver.inverse_depth
             && (receiver.normal == DVec3::ZERO
                 || receiver.is_below(seen.at.extend(1.0), seen.inverse_depth, receiver.slack))
@@ -335,7 +335,7 @@ impl<'a> Lookup<'a> {
                 hidden = false;
                 break;
             };
-            let seen = Seen::at(maps, texel);
+            let seen = FirstHit::at(maps, texel);
             hidden = self.hides(maps, &seen, receiver);
             if !(step == 0 && start.0) {
                 // What is beside the cone to the light hides nothing.
@@ -387,7 +387,7 @@ impl<'a> Lookup<'a> {
             return 0.0;
         };
         // No ray is bent from the lit side for what is looked for on the dark one.
-        let hidden = self.hides(maps, &Seen::straight(maps, texel), receiver);
+        let hidden = self.hides(maps, &FirstHit::straight(maps, texel), receiver);
         let edge = Self::edge(maps, texel, hidden, receiver);
         if edge == NONE || first.has(maps, edge) {
             return 0.0;
@@ -436,7 +436,7 @@ pub(super) struct Penumbra {
     x: f64,
     /// Half-width in texels.
     pub w: f64,
-    /// Half-width at an inverse depth of 1 before the receiver.
+    /// Half-width (texels) of the penumbra for each unit of inverse depth between edge and receiver.
     scale: f64,
     /// Whether the edge is before the receiver at all.
     before: bool,
@@ -447,7 +447,8 @@ pub(super) struct Penumbra {
     pub visible: f64,
     pub normal: DVec2,
     point: DVec2,
-    /// Of [`Maps::corners`], those at its start and its end that the visibility takes into account, or [`NONE`].
+    /// Numbers in [`Maps::corners`] of the corners at its start and its end that the visibility takes into account, or
+    /// [`NONE`].
     pub corners: [u32; 2],
 }
 

@@ -26,7 +26,7 @@ pub struct Line {
     pub inverse_least: f64,
     /// Texels to either side that it can matter for.
     pub reach: f64,
-    /// Of [`Maps::corners`], the sharp ones at its start and its end, or [`NONE`].
+    /// Numbers in [`Maps::corners`] of the sharp corners at its start and its end, or [`NONE`].
     pub corners: [u32; 2],
     /// What the silhouette is like around it.
     pub trend: Trend,
@@ -98,7 +98,7 @@ impl Line {
 /// Where a silhouette turns sharply.
 #[derive(Debug, Clone, Copy)]
 pub struct Corner {
-    /// Where, in texels.
+    /// Place of the corner in the map, in texels.
     pub point: DVec2,
     /// The lines that end and start there.
     pub lines: [u32; 2],
@@ -125,7 +125,7 @@ pub struct Trend {
 }
 
 impl Trend {
-    /// That of an edge that stands for itself.
+    /// No trend: the edge stands for itself, and has no other side.
     pub const NONE: Trend = Trend {
         normal: DVec2::ZERO,
         offset: 0.0,
@@ -136,7 +136,7 @@ impl Trend {
 
 /// What a distorted ray sees first.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen {
+pub struct FirstHit {
     /// Where that is without distortion, in the image of focal length 1.
     pub at: DVec2,
     /// Its inverse depth, 0 where there is nothing.
@@ -145,8 +145,8 @@ pub struct Seen {
     pub triangle: u32,
 }
 
-impl Seen {
-    pub(super) const NOTHING: Seen = Seen {
+impl FirstHit {
+    pub(super) const NOTHING: FirstHit = FirstHit {
         at: DVec2::ZERO,
         inverse_depth: 0.0,
         triangle: NONE,
@@ -154,17 +154,17 @@ impl Seen {
 
     /// What the ray of a texel sees: straight without a reference image.
     #[inline(always)]
-    pub fn at(maps: &Maps, texel: usize) -> Seen {
+    pub fn at(maps: &Maps, texel: usize) -> FirstHit {
         match maps.seen.get(texel) {
             Some(&seen) => seen,
-            None => Seen::straight(maps, texel),
+            None => FirstHit::straight(maps, texel),
         }
     }
 
     /// What the shadow map has at a texel.
     #[inline(always)]
-    pub fn straight(maps: &Maps, texel: usize) -> Seen {
-        Seen {
+    pub fn straight(maps: &Maps, texel: usize) -> FirstHit {
+        FirstHit {
             at: maps.view.tangents(maps.view.center(texel)),
             inverse_depth: maps.inverse_depth[texel],
             triangle: maps.triangle[texel],
@@ -174,7 +174,7 @@ impl Seen {
 
 /// The maps of a view.
 pub struct Maps {
-    /// Where from.
+    /// The view that the maps are drawn from.
     pub view: View,
     /// Inverse depth of the nearest casting surface, 0 where there is none.
     pub inverse_depth: Vec<f64>,
@@ -182,14 +182,14 @@ pub struct Maps {
     pub triangle: Vec<u32>,
     /// Silhouette edges in the image.
     pub lines: Vec<Line>,
-    /// Where they turn sharply.
+    /// The silhouettes' sharp corners.
     pub corners: Vec<Corner>,
-    /// Of each texel on the dark side of silhouettes the nearest line, or [`NONE`].
+    /// For each texel on the dark side of silhouettes the nearest line, or [`NONE`].
     pub inside: Vec<u32>,
-    /// Of each texel on their lit side.
+    /// For each texel on the lit side of silhouettes the nearest line, or [`NONE`].
     pub outside: Vec<u32>,
     /// The reference image, what the distorted ray of each texel sees first; empty without ([`Maps::reference`]).
-    pub seen: Vec<Seen>,
+    pub seen: Vec<FirstHit>,
 }
 
 impl Maps {

@@ -46,7 +46,7 @@ use crate::memory;
 use crate::method::{Method, Prepared, Shading};
 use crate::raster::tile_count;
 use crate::receivers::Receivers;
-use free::{Block, Cells, Group};
+use free::{CellFaces, GroupView, PixelBlock};
 use lookup::{Lookup, MOST_STEPS, Rules};
 use maps::Maps;
 
@@ -54,8 +54,8 @@ use maps::Maps;
 /// which are as large again with a distance a side.
 const TEXEL_BYTES: usize = 20 + 36;
 
-/// Those of the reference image.
-const SEEN_BYTES: usize = size_of::<maps::Seen>();
+/// Bytes of a texel of the reference image (`distorted=True`).
+const FIRST_HIT_BYTES: usize = size_of::<maps::FirstHit>();
 
 /// Parameters of the soft shadow occlusion camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,7 +85,7 @@ impl Ssoc {
     /// The maps of one light (local), its views one after the other, and the seconds of each stage.
     ///
     /// # Errors
-    /// Maps that do not fit into memory, or [`Error::Cancelled`].
+    /// Maps that do not fit into memory, or [`crate::error::Error::Cancelled`].
     pub fn maps(
         &self,
         casters: &Casters,
@@ -100,7 +100,7 @@ impl Ssoc {
             casts[range.start as usize..range.end as usize].fill(true);
         }
         let views = views(light, casters, self.resolution)?;
-        let more = if self.distorted { SEEN_BYTES } else { 0 };
+        let more = if self.distorted { FIRST_HIT_BYTES } else { 0 };
         check_memory(&views, TEXEL_BYTES + more)?;
         let tiles: usize = views.iter().map(|v| tile_count(&v.camera)).sum();
         let soft = !light.is_point();
@@ -144,8 +144,8 @@ struct PreparedSsoc {
     casters: Casters,
     lights: Vec<Light>,
     maps: Vec<Vec<Maps>>,
-    /// Those of each map, of lights that are no points.
-    cells: Vec<Vec<Cells>>,
+    /// For each light with a size, the cells of each of its maps.
+    cells: Vec<Vec<CellFaces>>,
     method: Ssoc,
     seconds: Vec<(&'static str, f64)>,
 }
@@ -193,7 +193,7 @@ impl Ssoc {
             let start = Instant::now();
             let soft = self.rules.interpolate && !light.is_point();
             let soft_maps = found.iter().filter(|_| soft);
-            cells.push(soft_maps.map(Cells::new).collect());
+            cells.push(soft_maps.map(CellFaces::new).collect());
             distortion_maps += distortion + start.elapsed().as_secs_f64();
             if self.distorted && !light.is_point() {
                 let start = Instant::now();
@@ -247,11 +247,11 @@ impl Prepared for PreparedSsoc {
             seen.min(h) as f32
         };
         // Those of a group that nothing hides, from the same views.
-        let free = |group: &mut Group, many: &Many, range: &Range<usize>| {
+        let free = |group: &mut GroupView, many: &Many, range: &Range<usize>| {
             let (Some(first), [first_cells, rest_cells @ ..]) = (first, &cells[..]) else {
                 return 0;
             };
-            let block = Block::new(receivers, range);
+            let block = PixelBlock::new(receivers, range);
             let outside = block.as_ref().is_some_and(|b| b.is_outside(&first.view));
             if !outside {
                 if block
@@ -285,7 +285,7 @@ impl Prepared for PreparedSsoc {
         let own = || {
             (
                 Many::new(),
-                Group::new(),
+                GroupView::new(),
                 Lookup::new(self.casters.geometry(), rules, hard),
             )
         };
@@ -445,7 +445,7 @@ mod tests {
             1 => DVec3::X,
             _ => DVec3::Z,
         };
-        let (mut many, mut group, mut counts) = (Many::new(), Group::new(), [0, 0]);
+        let (mut many, mut group, mut counts) = (Many::new(), GroupView::new(), [0, 0]);
         for first in (0..1200).step_by(50) {
             let ids = first..first + 50;
             let positions: Vec<_> = ids.clone().map(point).collect();
@@ -486,7 +486,7 @@ mod tests {
             let blocks = prepared.shade(&receivers, 0, &control).unwrap();
             let views = prepared.maps[0].iter().zip(&prepared.cells[0]);
             let shown = |range: Range<usize>| {
-                let block = Block::new(&receivers, &range)?;
+                let block = PixelBlock::new(&receivers, &range)?;
                 let mut views = views.clone();
                 views.any(|(m, c)| c.show(&m.view, &block)).then_some(())
             };

@@ -89,7 +89,7 @@ pub(super) fn around(view: &View, at: DVec2) -> ([DVec2; 4], DVec2) {
 
 /// A triangle's plane, of what is asked for again and again by neighbours.
 #[derive(Clone, Copy)]
-pub(super) struct Plane {
+pub(super) struct TrianglePlane {
     corners: [Vec3; 3],
     /// Unit normal, to the light's side.
     pub normal: DVec3,
@@ -99,14 +99,14 @@ pub(super) struct Plane {
     pub double_area: f64,
 }
 
-impl Plane {
+impl TrianglePlane {
     /// The plane of a triangle that a light at `eye` sees, if it has one.
-    fn new(corners: [Vec3; 3], eye: DVec3) -> Option<Plane> {
+    fn new(corners: [Vec3; 3], eye: DVec3) -> Option<TrianglePlane> {
         let [a, b, c] = corners.map(|v| v.as_dvec3());
         let cross = (b - a).cross(c - a);
         let normal = cross.try_normalize()?;
         let towards = normal.dot(eye - a);
-        Some(Plane {
+        Some(TrianglePlane {
             corners,
             normal: if towards < 0.0 { -normal } else { normal },
             towards: towards.abs(),
@@ -137,7 +137,7 @@ const PLANES: usize = 16;
 
 /// The planes found last for a light, by their triangles' numbers; `None` for a triangle without area.
 pub(super) struct Planes {
-    last: [(u32, Option<Plane>); PLANES],
+    last: [(u32, Option<TrianglePlane>); PLANES],
 }
 
 impl Planes {
@@ -154,10 +154,10 @@ impl Planes {
         geometry: &Geometry,
         maps: &Maps,
         triangle: u32,
-    ) -> Option<&Plane> {
+    ) -> Option<&TrianglePlane> {
         let last = &mut self.last[triangle as usize % PLANES];
         if last.0 != triangle {
-            let plane = Plane::new(geometry.corners(triangle), maps.view.camera.eye);
+            let plane = TrianglePlane::new(geometry.corners(triangle), maps.view.camera.eye);
             *last = (triangle, plane);
         }
         last.1.as_ref()

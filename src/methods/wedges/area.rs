@@ -26,16 +26,16 @@
 
 use fearless_simd::{dispatch, f32x16, prelude::*};
 
-use super::block::{Block, LightFrame};
+use super::block::{LightFrame, ReceiverBlock};
 use super::edge::AreaEdge;
-use super::sector::{Inner, Line, Seen, Stored, turn};
+use super::sector::{EdgeOnLight, Inner, Stored, VertexOnLight, turn};
 use crate::simd::{Lanes, Row, detect};
 
 /// What [`cover`] works on, kept between calls.
 #[derive(Debug, Clone, Default)]
-pub struct Scratch {
+pub struct AreaScratch {
     /// The receivers.
-    pub block: Block,
+    pub block: ReceiverBlock,
     /// Edges between its two steps.
     lines: [Pending; BATCH],
 }
@@ -46,7 +46,7 @@ pub fn cover(
     frame: &LightFrame,
     edges: &[AreaEdge],
     ids: &[u32],
-    scratch: &mut Scratch,
+    scratch: &mut AreaScratch,
     steps: f32,
     out: &mut [Row; 2],
 ) {
@@ -60,11 +60,11 @@ fn cover_lanes<S: Simd>(
     square: bool,
     edges: &[AreaEdge],
     ids: &[u32],
-    scratch: &mut Scratch,
+    scratch: &mut AreaScratch,
     steps: f32,
     out: &mut [Row; 2],
 ) {
-    let Scratch {
+    let AreaScratch {
         block,
         lines: drawn,
     } = scratch;
@@ -80,16 +80,16 @@ fn cover_lanes<S: Simd>(
             Some(end) if follows => end,
             _ => {
                 chain.finish();
-                Seen::new(simd, block, &edge.ends[0], square)
+                VertexOnLight::new(simd, block, &edge.ends[0], square)
             }
         };
-        let b = Seen::new(simd, block, &edge.ends[1], square);
+        let b = VertexOnLight::new(simd, block, &edge.ends[1], square);
         // Shares that are rounded one by one cannot be summed first.
         let inner = if steps > 0.0 { 0 } else { a.inside & b.inside };
         chain.extend(&a, &b, inner, block, edge);
         let open = !(inner | a.misses(&b, square));
         if open != 0
-            && let Some(line) = Line::new(simd, block, &a, &b, edge.vector, open, square)
+            && let Some(line) = EdgeOnLight::new(simd, block, &a, &b, edge.vector, open, square)
         {
             let shadow_side = !block.lit(edge);
             let next = &mut drawn[pending];
@@ -118,7 +118,7 @@ struct Chain<S: Simd> {
     /// Front and back layers that its last edge counts.
     weights: [f32; 2],
     /// Its last vertex.
-    end: Option<Seen<S>>,
+    end: Option<VertexOnLight<S>>,
     /// Lanes in which its last edge is an [`Inner`] one.
     inner: u16,
     /// Front and back layers that inner edges cover, of this chain and those before, in units of [`turn`].
@@ -140,7 +140,14 @@ impl<S: Simd> Chain<S> {
 
     /// Adds the edge from its end `a` to `b` for the lanes `inner`.
     #[inline(always)]
-    fn extend(&mut self, a: &Seen<S>, b: &Seen<S>, inner: u16, block: &Block, edge: &AreaEdge) {
+    fn extend(
+        &mut self,
+        a: &VertexOnLight<S>,
+        b: &VertexOnLight<S>,
+        inner: u16,
+        block: &ReceiverBlock,
+        edge: &AreaEdge,
+    ) {
         self.weights = edge.weights;
         self.bound(a, self.inner & !inner, inner & !self.inner);
         if inner != 0 {
@@ -157,7 +164,7 @@ impl<S: Simd> Chain<S> {
 
     /// Lets inner edges end at a vertex in some lanes and start in others.
     #[inline(always)]
-    fn bound(&mut self, at: &Seen<S>, ends: u16, starts: u16) {
+    fn bound(&mut self, at: &VertexOnLight<S>, ends: u16, starts: u16) {
         if ends | starts != 0 {
             let around = at.around(self.square);
             let signed = around.where_bits(ends, 0.0 - around);
@@ -226,7 +233,7 @@ fn measure<S: Simd>(
 #[cfg(test)]
 mod tests {
     use super::super::edge::area_edges;
-    use super::super::volume::Quad;
+    use super::super::volume::VolumeQuad;
     use super::*;
     use crate::casters::edges::Edge;
     use crate::light::Light;
@@ -249,14 +256,14 @@ mod tests {
     }
 
     fn covered(edges: &[Edge], light: &Light, p: &[DVec3], steps: f32) -> [f32; LANES] {
-        let quads: Vec<Quad> = edges
+        let quads: Vec<VolumeQuad> = edges
             .iter()
-            .map(|e| Quad::hard(e, light.center()))
+            .map(|e| VolumeQuad::hard(e, light.center()))
             .collect();
         let kernel = area_edges(edges, &quads, light);
         let frame = LightFrame::new(light);
         let ids: Vec<u32> = (0..edges.len() as u32).collect();
-        let (mut scratch, mut out) = (Scratch::default(), [Row::default(); 2]);
+        let (mut scratch, mut out) = (AreaScratch::default(), [Row::default(); 2]);
         scratch.block.set(&frame, p);
         cover(&frame, &kernel, &ids, &mut scratch, steps, &mut out);
         out[0].0
@@ -343,9 +350,9 @@ mod tests {
         let mixed = [edges[2], edges[0], edges[3], other];
         let chains = crate::casters::edges::in_chains(&mixed);
         assert_eq!(starts(&chains), [2, 3, 0, 1]);
-        let quads: Vec<Quad> = chains
+        let quads: Vec<VolumeQuad> = chains
             .iter()
-            .map(|e| Quad::hard(e, 2.0 * DVec3::Z))
+            .map(|e| VolumeQuad::hard(e, 2.0 * DVec3::Z))
             .collect();
         let kernel = area_edges(&chains, &quads, &lights()[2]);
         assert_eq!(

@@ -4,23 +4,23 @@ use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
 use super::edge::{AreaEdge, Split};
-use crate::light::{Disk, Light, Rect, Shape, Sphere};
+use crate::light::{DiskLight, Light, RectLight, Shape, SphereLight};
 use crate::simd::{LANES, Row, detect};
 
 /// Sixteen receivers.
 #[derive(Debug, Clone, Default)]
-pub struct Block {
+pub struct ReceiverBlock {
     /// Local positions by axes, as [`Split`] does.
     pub(super) position: [[Row; 2]; 3],
     /// Local positions, for the side of a plane that a receiver is on.
     exact: [[f64; LANES]; 3],
-    /// From directions to homogeneous coordinates on the light, by rows.
+    /// The map from directions to homogeneous coordinates on the light, by rows.
     matrix: [[Row; 3]; 3],
     /// What the last row gives at the light's centre: silhouettes farther away do not occlude.
     pub(super) far: Row,
 }
 
-impl Block {
+impl ReceiverBlock {
     /// Fills the lanes; what is left over repeats the first receiver.
     pub fn set(&mut self, frame: &LightFrame, receivers: &[DVec3]) {
         for lane in 0..LANES {
@@ -73,11 +73,11 @@ pub enum LightFrame {
     Flat {
         /// Centre.
         center: DVec3,
-        /// From a point to its first coordinate.
+        /// The vector that gives a point's first coordinate.
         u: DVec3,
-        /// To its second.
+        /// The vector that gives its second.
         v: DVec3,
-        /// To its distance from the light's plane.
+        /// The vector that gives its distance from the light's plane.
         n: DVec3,
         /// Whether it is a rectangle.
         square: bool,
@@ -85,11 +85,11 @@ pub enum LightFrame {
 }
 
 impl LightFrame {
-    /// Of a light with a width.
+    /// The light's own coordinates, for a light that has a width.
     pub fn new(light: &Light) -> Self {
         match light.shape {
-            Shape::Sphere(Sphere { center, radius }) => LightFrame::Sphere { center, radius },
-            Shape::Disk(Disk {
+            Shape::Sphere(SphereLight { center, radius }) => LightFrame::Sphere { center, radius },
+            Shape::Disk(DiskLight {
                 center,
                 normal,
                 radius,
@@ -103,7 +103,7 @@ impl LightFrame {
                     square: false,
                 }
             }
-            Shape::Rect(Rect { center, u, v }) => {
+            Shape::Rect(RectLight { center, u, v }) => {
                 let n = u.cross(v);
                 let area = n.length_squared();
                 LightFrame::Flat {
@@ -142,7 +142,7 @@ fn towards_flat(center: DVec3, u: DVec3, v: DVec3, n: DVec3, p: DVec3) -> [DVec3
 
 /// Fills all but the exact positions of a block from these.
 #[inline(always)]
-fn set_lanes<S: Simd>(simd: S, block: &mut Block, frame: &LightFrame) {
+fn set_lanes<S: Simd>(simd: S, block: &mut ReceiverBlock, frame: &LightFrame) {
     let [x, y, z] = block.exact;
     let p = |lane: usize| DVec3::new(x[lane], y[lane], z[lane]);
     for lane in 0..LANES {

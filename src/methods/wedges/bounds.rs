@@ -15,17 +15,17 @@ const SLACK: f32 = 16.0 * f32::EPSILON;
 /// Four planes that bound the receivers whose light an edge can cut: a receiver is outside where one of
 /// `n · p - offset` is positive.
 #[derive(Debug, Clone, Copy)]
-pub struct Bounds {
+pub struct WedgeBounds {
     normal: [Vec3; 4],
     offset: [f32; 4],
     /// The last two are side planes that may cross: only what is inside or outside of both alike is in.
     crossing: bool,
 }
 
-impl Bounds {
-    /// From unit normals and points on the planes; `None` bounds nothing.
+impl WedgeBounds {
+    /// Bounds from unit normals and points on the planes; `None` bounds nothing.
     pub fn new(planes: [Option<(DVec3, DVec3)>; 4]) -> Self {
-        let mut out = Bounds {
+        let mut out = WedgeBounds {
             normal: [Vec3::ZERO; 4],
             offset: [SLACK; 4],
             crossing: false,
@@ -38,11 +38,11 @@ impl Bounds {
         out
     }
 
-    /// Of a wedge between planes.
+    /// Bounds of a wedge that lies between planes.
     pub fn of_wedge(wedge: &planes::Wedge) -> Self {
         let plane = |n: DVec3, p: &planes::Plane| Some((n, p.offset * p.normal));
         let [start, end] = &wedge.sides;
-        let mut out = Bounds::new([
+        let mut out = WedgeBounds::new([
             plane(wedge.front.normal, &wedge.front),
             plane(-wedge.back.normal, &wedge.back),
             plane(-start.normal, start),
@@ -55,14 +55,14 @@ impl Bounds {
 
 /// A box around receivers.
 #[derive(Debug, Clone, Copy)]
-pub struct Extent {
+pub struct ReceiverBox {
     /// Its middle.
     pub center: Vec3,
-    /// From the middle to its faces.
+    /// Distances from the middle to its faces.
     pub half: Vec3,
 }
 
-impl Extent {
+impl ReceiverBox {
     /// Around points.
     pub fn of(points: impl Iterator<Item = DVec3>) -> Self {
         let (low, high) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| {
@@ -71,7 +71,7 @@ impl Extent {
         let center = (0.5 * (low + high)).as_vec3();
         // Rounded to `f32`, the middle moves by half an ulp; coordinates are within 2.
         let half = (0.5 * (high - low)).as_vec3() + Vec3::splat(2.0 * f32::EPSILON);
-        Extent { center, half }
+        ReceiverBox { center, half }
     }
 }
 
@@ -92,7 +92,7 @@ pub struct BoundsList {
 
 impl BoundsList {
     /// All bounds, numbered in order; all of one kind of wedge.
-    pub fn new(all: &[Bounds]) -> Self {
+    pub fn new(all: &[WedgeBounds]) -> Self {
         let mut out = BoundsList::default();
         for (i, b) in all.iter().enumerate() {
             let lane = out.next(i as u32);
@@ -128,8 +128,8 @@ impl BoundsList {
     }
 
     /// Keeps those that a box meets, or all.
-    pub fn keep(&self, extent: Option<&Extent>) -> BoundsList {
-        let (mut all, mut part) = (Part::default(), Part::default());
+    pub fn keep(&self, extent: Option<&ReceiverBox>) -> BoundsList {
+        let (mut all, mut part) = (Selection::default(), Selection::default());
         self.part(0..self.ids.len(), &mut all);
         self.meeting(&all, extent, &mut part);
         let mut out = BoundsList {
@@ -150,8 +150,8 @@ impl BoundsList {
         out
     }
 
-    /// Those from place `range.start` to `range.end`.
-    pub fn part(&self, range: Range<usize>, out: &mut Part) {
+    /// Writes to `out` the bounds at the places in `range`.
+    pub fn part(&self, range: Range<usize>, out: &mut Selection) {
         out.0.clear();
         let (first, last) = (range.start / LANES, range.end.div_ceil(LANES));
         for block in first..last.max(first) {
@@ -166,8 +166,8 @@ impl BoundsList {
         }
     }
 
-    /// Those of a part that a box meets, or all of it.
-    pub fn meeting(&self, part: &Part, extent: Option<&Extent>, out: &mut Part) {
+    /// Writes to `out` the bounds of `part` that meet the box `extent`; all of them without a box.
+    pub fn meeting(&self, part: &Selection, extent: Option<&ReceiverBox>, out: &mut Selection) {
         out.0.clear();
         let (rows, crossing) = (&self.rows[..], self.crossing);
         match extent {
@@ -179,7 +179,7 @@ impl BoundsList {
     }
 
     /// Lists the numbers of the wedges of a part.
-    pub fn list(&self, part: &Part, out: &mut Vec<u32>) {
+    pub fn list(&self, part: &Selection, out: &mut Vec<u32>) {
         out.clear();
         part.each(|place| out.push(self.ids[place]));
     }
@@ -187,15 +187,15 @@ impl BoundsList {
 
 /// Some of a [`BoundsList`]: by rows of sixteen, a bit each.
 #[derive(Debug, Clone, Default)]
-pub struct Part(Vec<(u32, u16)>);
+pub struct Selection(Vec<(u32, u16)>);
 
-impl Part {
-    /// Whether it is none.
+impl Selection {
+    /// Whether it holds no bounds.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// How many they are.
+    /// Number of bounds in this part.
     pub fn len(&self) -> usize {
         self.0
             .iter()
@@ -218,9 +218,9 @@ fn meeting_lanes<S: Simd>(
     simd: S,
     rows: &[Sixteen],
     crossing: bool,
-    part: &Part,
-    extent: &Extent,
-    out: &mut Part,
+    part: &Selection,
+    extent: &ReceiverBox,
+    out: &mut Selection,
 ) {
     for &(block, mask) in &part.0 {
         let mask = mask & meets(simd, &rows[block as usize], crossing, extent);
@@ -231,7 +231,7 @@ fn meeting_lanes<S: Simd>(
 }
 
 #[inline(always)]
-fn meets<S: Simd>(simd: S, row: &Sixteen, crossing: bool, extent: &Extent) -> u16 {
+fn meets<S: Simd>(simd: S, row: &Sixteen, crossing: bool, extent: &ReceiverBox) -> u16 {
     let (c, h) = (extent.center.to_array(), extent.half.to_array());
     let zero = f32x16::splat(simd, 0.0);
     // Per plane, wedges on whose inner side the box is in part, and on whose outer side.
@@ -265,18 +265,20 @@ mod tests {
         // A slab 0 <= x <= 1, 0 <= y <= 1, numbered 20 so that two rows are needed.
         let slab = |shift: f64| {
             let at = |x: f64| DVec3::splat(x);
-            Bounds::new([
+            WedgeBounds::new([
                 Some((-DVec3::X, at(shift))),
                 Some((DVec3::X, at(1.0 + shift))),
                 Some((-DVec3::Y, at(0.0))),
                 Some((DVec3::Y, at(1.0))),
             ])
         };
-        let all: Vec<Bounds> = (0..20).map(|i| slab(f64::from(i))).collect();
+        let all: Vec<WedgeBounds> = (0..20).map(|i| slab(f64::from(i))).collect();
         let list = BoundsList::new(&all);
-        let extent = Extent::of([DVec3::new(1.5, 0.5, 0.0), DVec3::new(3.5, 0.6, 0.0)].into_iter());
-        let listed = |list: &BoundsList, range: Range<usize>, extent: &Extent| {
-            let (mut some, mut met, mut found) = (Part::default(), Part::default(), Vec::new());
+        let extent =
+            ReceiverBox::of([DVec3::new(1.5, 0.5, 0.0), DVec3::new(3.5, 0.6, 0.0)].into_iter());
+        let listed = |list: &BoundsList, range: Range<usize>, extent: &ReceiverBox| {
+            let (mut some, mut met, mut found) =
+                (Selection::default(), Selection::default(), Vec::new());
             list.part(range, &mut some);
             list.meeting(&some, Some(extent), &mut met);
             list.list(&met, &mut found);
@@ -289,7 +291,7 @@ mod tests {
         let kept = list.keep(Some(&extent));
         assert_eq!(kept.ids(), [1, 2, 3]);
         assert_eq!(listed(&kept, 1..3, &extent), [2, 3]);
-        let above = Extent::of([DVec3::new(1.5, 1.5, 0.0)].into_iter());
+        let above = ReceiverBox::of([DVec3::new(1.5, 1.5, 0.0)].into_iter());
         assert!(listed(&list, 0..20, &above).is_empty());
     }
 }

@@ -10,16 +10,17 @@ use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
 use super::area;
-use super::area::Scratch;
+use super::area::AreaScratch;
 use super::block::LightFrame;
-use super::bounds::{BoundsList, Extent, Part};
+use super::bounds::{BoundsList, ReceiverBox, Selection};
 use super::edge::AreaEdge;
 use super::interpolate;
-use super::interpolate::Wedge;
-use super::volume::{Drawing, Surface};
-use super::{Buffer, Cast, Overlap, Settings};
+use super::interpolate::PlaneWedge;
+use super::volume::{CountedFace, VolumeDrawing};
+use super::{Buffer, Cast, WedgeSettings};
 use crate::camera::Camera;
 use crate::light::many::Many;
+use crate::method::Overlap;
 use crate::raster::{Cover, SPAN, TILE, Tile, tile_count};
 use crate::receivers::{BLOCK, Receivers};
 use crate::simd::{LANES, Row, detect, positive};
@@ -29,39 +30,39 @@ const PIXELS: usize = (TILE * TILE) as usize + SPAN;
 
 /// What happens to receivers inside a wedge.
 pub enum Interior {
-    /// Nothing: hard shadows.
+    /// The layers are left as they are: hard shadows.
     None,
     /// The light's area is cut by the edges ([`area`]).
     Area(LightFrame, Vec<AreaEdge>),
     /// The paper's interpolation between planes ([`interpolate`]).
-    Planes(Vec<Wedge>),
+    Planes(Vec<PlaneWedge>),
 }
 
 /// All that the tiles of one image share.
-pub(super) struct Frame<'a> {
+pub(super) struct ImageContext<'a> {
     cast: &'a Cast,
     receivers: &'a Receivers,
     /// Groups of receivers by tile.
     groups: Vec<Vec<u32>>,
     /// Width of the image in pixels.
     width: u32,
-    drawing: &'a Drawing,
-    settings: &'a Settings,
+    drawing: &'a VolumeDrawing,
+    settings: &'a WedgeSettings,
     /// Whether tiles keep what covers the light.
     keep: bool,
 }
 
-impl<'a> Frame<'a> {
+impl<'a> ImageContext<'a> {
     /// Gathers what an image needs.
     pub(super) fn new(
         cast: &'a Cast,
-        drawing: &'a Drawing,
+        drawing: &'a VolumeDrawing,
         receivers: &'a Receivers,
         camera: &Camera,
-        settings: &'a Settings,
+        settings: &'a WedgeSettings,
         keep: bool,
     ) -> Self {
-        Frame {
+        ImageContext {
             cast,
             receivers,
             groups: groups_by_tile(receivers, camera),
@@ -107,13 +108,13 @@ fn groups_by_tile(receivers: &Receivers, camera: &Camera) -> Vec<Vec<u32>> {
 
 /// The buffer of one tile.
 pub(super) struct TileBuffer<'a> {
-    frame: &'a Frame<'a>,
+    image: &'a ImageContext<'a>,
     tile: Tile,
     groups: &'a [u32],
     /// Places of the groups' receivers in the tile, one after the other.
     places: Vec<u32>,
-    extents: Vec<Extent>,
-    extent: Extent,
+    extents: Vec<ReceiverBox>,
+    extent: ReceiverBox,
     position: [Vec<f64>; 3],
     layers: [Vec<i32>; 2],
     /// Blocks of 8×8 pixels in which layers were counted for the current object.
@@ -136,32 +137,32 @@ pub(super) type Groups = Vec<(u32, Vec<f32>, Vec<[f32; 2]>)>;
 
 impl<'a> TileBuffer<'a> {
     /// An empty buffer: all light.
-    pub(super) fn new(frame: &'a Frame<'a>, tile: Tile) -> Self {
-        let index = (tile.y / TILE * frame.width.div_ceil(TILE) + tile.x / TILE) as usize;
-        let groups = &frame.groups[index];
+    pub(super) fn new(image: &'a ImageContext<'a>, tile: Tile) -> Self {
+        let index = (tile.y / TILE * image.width.div_ceil(TILE) + tile.x / TILE) as usize;
+        let groups = &image.groups[index];
         let mut position = [(); 3].map(|()| vec![0.0; PIXELS]);
         let mut extents = Vec::with_capacity(groups.len());
         let mut places = Vec::with_capacity(PIXELS);
         for &group in groups {
-            let range = frame.range(group);
+            let range = image.range(group);
             for i in range.clone() {
-                let place = frame.place(tile, i);
+                let place = image.place(tile, i);
                 places.push(place as u32);
-                let p = frame.receivers.positions[i];
+                let p = image.receivers.positions[i];
                 for axis in 0..3 {
                     position[axis][place] = p[axis];
                 }
             }
-            extents.push(Extent::of(range.map(|i| frame.receivers.positions[i])));
+            extents.push(ReceiverBox::of(range.map(|i| image.receivers.positions[i])));
         }
-        let all = groups.iter().flat_map(|&g| frame.range(g));
-        let extent = Extent::of(all.map(|i| frame.receivers.positions[i]));
+        let all = groups.iter().flat_map(|&g| image.range(g));
+        let extent = ReceiverBox::of(all.map(|i| image.receivers.positions[i]));
         let wedges = match groups.is_empty() {
             true => BoundsList::default(),
-            false => (frame.cast.bounds).keep(frame.settings.cull.then_some(&extent)),
+            false => (image.cast.bounds).keep(image.settings.cull.then_some(&extent)),
         };
         TileBuffer {
-            frame,
+            image,
             tile,
             groups,
             places,
@@ -176,23 +177,23 @@ impl<'a> TileBuffer<'a> {
             done: 0,
             started: 0,
             visibility: vec![1.0; PIXELS],
-            cover: frame.keep.then(|| [(); 2].map(|()| vec![0.0; PIXELS])),
+            cover: image.keep.then(|| [(); 2].map(|()| vec![0.0; PIXELS])),
         }
     }
 
     /// Ends the tile.
     pub(super) fn finish(mut self) -> Groups {
         self.end_object(u32::MAX);
-        let frame = self.frame;
-        let light = &frame.cast.light;
+        let image = self.image;
+        let light = &image.cast.light;
         let mut places = &self.places[..];
         let mut many = Many::new();
         let one = |&group: &u32| {
-            let range = frame.range(group);
+            let range = image.range(group);
             let (own, rest) = places.split_at(range.len());
             places = rest;
             let mut visible = Vec::with_capacity(range.len());
-            let (p, n) = (&frame.receivers.positions, &frame.receivers.normals);
+            let (p, n) = (&image.receivers.positions, &image.receivers.normals);
             many.set(&p[range.clone()], &n[range]);
             light.fractions_above(&mut many, |i, h| {
                 visible.push(self.visibility[own[i] as usize].min(h as f32));
@@ -208,11 +209,11 @@ impl<'a> TileBuffer<'a> {
 
     /// Combines all objects before `next` that have layers, wedges or a start here.
     fn end_object(&mut self, next: u32) {
-        let frame = self.frame;
+        let image = self.image;
         loop {
-            let starts = &frame.drawing.start;
+            let starts = &image.drawing.start;
             let ids = self.wedges.ids();
-            let wedge = ids.get(self.done).map(|&w| frame.cast.objects[w as usize]);
+            let wedge = ids.get(self.done).map(|&w| image.cast.objects[w as usize]);
             let start = starts.get(self.started).map(|s| s.object);
             let lowest = [self.object, wedge, start].into_iter().flatten().min();
             let Some(object) = lowest.filter(|o| *o < next) else {
@@ -226,7 +227,7 @@ impl<'a> TileBuffer<'a> {
             }
             let first = self.done;
             while let Some(&w) = self.wedges.ids().get(self.done) {
-                if frame.cast.objects[w as usize] != object {
+                if image.cast.objects[w as usize] != object {
                     break;
                 }
                 self.done += 1;
@@ -242,21 +243,21 @@ impl<'a> TileBuffer<'a> {
 
     /// Lets one object take its light away: its wedges, and the layers counted or over the eye.
     fn combine(&mut self, wedges: std::ops::Range<usize>, over: [i32; 2], counted: bool) {
-        let frame = self.frame;
-        let [mut all_near, mut near, mut nearest] = [(); 3].map(|()| Part::default());
+        let image = self.image;
+        let [mut all_near, mut near, mut nearest] = [(); 3].map(|()| Selection::default());
         self.wedges.part(wedges, &mut all_near);
         let mut ids = Vec::new();
-        let mut scratch = Scratch::default();
+        let mut scratch = AreaScratch::default();
         let mut points = [DVec3::ZERO; LANES];
         let mut all = Vec::new();
         let mut places = &self.places[..];
         for (&group, extent) in self.groups.iter().zip(&self.extents) {
-            let range = frame.range(group);
+            let range = image.range(group);
             let (own, rest) = places.split_at(range.len());
             places = rest;
             let (x, y) = (own[0] % TILE / BLOCK, own[0] / TILE / BLOCK);
             let touched = counted && self.touched >> (y * 8 + x) & 1 == 1;
-            let cull = frame.settings.cull;
+            let cull = image.settings.cull;
             (self.wedges).meeting(&all_near, cull.then_some(extent), &mut near);
             if !touched && over == [0, 0] && near.is_empty() {
                 continue;
@@ -264,21 +265,21 @@ impl<'a> TileBuffer<'a> {
             all.clear();
             all.extend(0..own.len());
             if near.len() > MANY {
-                cluster(&frame.receivers.positions[range.clone()], &mut all);
+                cluster(&image.receivers.positions[range.clone()], &mut all);
             }
             for lanes in all.chunks(LANES) {
                 let mut cover = [Row::default(); 2];
                 if !near.is_empty() {
                     for (p, &i) in points.iter_mut().zip(lanes) {
-                        *p = frame.receivers.positions[range.start + i];
+                        *p = image.receivers.positions[range.start + i];
                     }
                     let points = &points[..lanes.len()];
-                    let extent = Extent::of(points.iter().copied());
+                    let extent = ReceiverBox::of(points.iter().copied());
                     (self.wedges).meeting(&near, cull.then_some(&extent), &mut nearest);
                     self.wedges.list(&nearest, &mut ids);
-                    frame
+                    image
                         .cast
-                        .cover(&ids, points, &mut scratch, frame.steps(), &mut cover);
+                        .cover(&ids, points, &mut scratch, image.steps(), &mut cover);
                 }
                 for (lane, &i) in lanes.iter().enumerate() {
                     let at = own[i] as usize;
@@ -286,15 +287,15 @@ impl<'a> TileBuffer<'a> {
                         true => (self.layers[side][at] + over[side]) as f32,
                         false => over[side] as f32,
                     };
-                    let front = layers(0) / frame.cast.fan as f32 + cover[0].0[lane];
-                    let back = layers(1) / frame.cast.fan as f32 + cover[1].0[lane];
+                    let front = layers(0) / image.cast.fan as f32 + cover[0].0[lane];
+                    let back = layers(1) / image.cast.fan as f32 + cover[1].0[lane];
                     if let Some(cover) = &mut self.cover {
                         cover[0][at] += front;
                         cover[1][at] += back;
                     }
                     let seen = (1.0 - front.max(back)).clamp(0.0, 1.0);
                     let v = &mut self.visibility[at];
-                    *v = match frame.settings.overlap {
+                    *v = match image.settings.overlap {
                         // All is one object.
                         Overlap::Add => seen,
                         Overlap::Multiply => *v * seen,
@@ -343,7 +344,7 @@ impl Cast {
         &self,
         ids: &[u32],
         points: &[DVec3],
-        scratch: &mut Scratch,
+        scratch: &mut AreaScratch,
         steps: f32,
         out: &mut [Row; 2],
     ) {
@@ -363,13 +364,13 @@ impl Cast {
 
 impl Cover for TileBuffer<'_> {
     fn wants(&mut self, face: u32) -> bool {
-        let drawing = self.frame.drawing;
+        let drawing = self.image.drawing;
         let surface = &drawing.surfaces[face as usize];
         if self.groups.is_empty() {
             return false;
         }
         self.before_all = surface.cap;
-        if !surface.cap && self.frame.settings.cull {
+        if !surface.cap && self.image.settings.cull {
             // The largest Z of the paper's tiles, without depths: a box on the eye's side of a plane is
             // before the quad, a box on the other behind it.
             let center = self.extent.center.as_dvec3();
@@ -388,7 +389,7 @@ impl Cover for TileBuffer<'_> {
     }
 
     fn row(&mut self, y: u32, first: u32, last: u32, face: u32) {
-        let drawing = self.frame.drawing;
+        let drawing = self.image.drawing;
         let surface = &drawing.surfaces[face as usize];
         if self.object != Some(surface.object) {
             self.end_object(surface.object);
@@ -411,7 +412,7 @@ impl Cover for TileBuffer<'_> {
 #[inline(always)]
 fn cross_lanes<S: Simd>(
     simd: S,
-    surface: &Surface,
+    surface: &CountedFace,
     before: bool,
     [first, last]: [usize; 2],
     position: &[Vec<f64>; 3],

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::volume::Quad;
+use super::volume::VolumeQuad;
 use crate::casters::edges::Edge;
 use crate::light::Light;
 use crate::simd::Row;
@@ -16,7 +16,7 @@ pub(super) struct Split {
 }
 
 impl Split {
-    /// Of a local position.
+    /// Splits a local position into two `f32` parts.
     pub(super) fn new(p: [f64; 3]) -> Self {
         let high = p.map(|x| x as f32);
         Split {
@@ -38,7 +38,7 @@ impl Split {
 #[derive(Debug, Clone, Copy)]
 pub struct AreaEdge {
     pub(super) ends: [Split; 2],
-    /// From the first to the second.
+    /// The vector from the first end to the second.
     pub(super) vector: [f32; 3],
     pub(super) normal: [f64; 3],
     pub(super) offset: f64,
@@ -65,7 +65,7 @@ fn in_front(light: &Light, ends: [DVec3; 2]) -> Option<[DVec3; 2]> {
 }
 
 /// Prepares edges with their planes; those behind a flat light do not count.
-pub fn area_edges(edges: &[Edge], planes: &[Quad], light: &Light) -> Vec<AreaEdge> {
+pub fn area_edges(edges: &[Edge], planes: &[VolumeQuad], light: &Light) -> Vec<AreaEdge> {
     let parts: Vec<_> = (edges.par_iter().map(|e| in_front(light, e.ends))).collect();
     let one = |i: usize| {
         let (edge, plane) = (&edges[i], &planes[i]);

@@ -24,12 +24,12 @@ use glam::DVec3;
 use super::planes;
 use super::planes::Plane;
 use super::sector::angle;
-use crate::light::{Light, Rect, Shape};
+use crate::light::{Light, RectLight, Shape};
 use crate::simd::{LANES, Lanes, Row, detect};
 
 /// How `s` turns into intensity.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Falloff {
+pub enum PlaneFalloff {
     /// `s` itself.
     Linear,
     /// `3 s² - 2 s³` (Parker, Shirley and Smits 1998).
@@ -40,7 +40,7 @@ pub enum Falloff {
 
 /// A wedge as the kernel wants it.
 #[derive(Debug, Clone, Copy)]
-pub struct Wedge {
+pub struct PlaneWedge {
     /// Front, back and the two side planes: normals and offsets.
     planes: [[f64; 4]; 4],
     /// Reciprocals of (2) for left and right, front and back, and of (3) for left and right.
@@ -48,15 +48,15 @@ pub struct Wedge {
     back: [f32; 2],
     along: [f32; 2],
     layers: [f32; 2],
-    falloff: Falloff,
-    /// For the `Line` falloff of a rectangle: which part of its width the shorter side makes up, seen along
-    /// the edge, at most 1/2; negative for a disk.
+    falloff: PlaneFalloff,
+    /// The part of a rectangle's width that its shorter side makes up, for the `Line` falloff, seen along the edge, at
+    /// most 1/2; negative for a disk.
     part: f32,
 }
 
-impl Wedge {
+impl PlaneWedge {
     /// Prepares a wedge.
-    pub fn new(wedge: &planes::Wedge, light: &Light, falloff: Falloff) -> Self {
+    pub fn new(wedge: &planes::Wedge, light: &Light, falloff: PlaneFalloff) -> Self {
         let row = |p: &Plane| {
             let [x, y, z] = p.normal.to_array();
             [x, y, z, p.offset]
@@ -64,7 +64,7 @@ impl Wedge {
         // A direction in a plane has no distance to it: everything is as far, which a large number says.
         let reciprocal = |n: DVec3, d: DVec3| (1.0 / n.dot(d).abs().max(1e-9)) as f32;
         let both = |n: DVec3, d: [DVec3; 2]| d.map(|d| reciprocal(n, d));
-        Wedge {
+        PlaneWedge {
             planes: [
                 row(&wedge.front),
                 row(&wedge.back),
@@ -77,7 +77,7 @@ impl Wedge {
             layers: wedge.layers.map(|n| n as f32),
             falloff,
             part: match light.shape {
-                Shape::Rect(Rect { u, v, .. }) => {
+                Shape::Rect(RectLight { u, v, .. }) => {
                     let (a, b) = (u.dot(wedge.outside).abs(), v.dot(wedge.outside).abs());
                     (a.min(b) / (a + b)) as f32
                 }
@@ -88,7 +88,13 @@ impl Wedge {
 }
 
 /// Adds what the wedges `ids` give back to up to sixteen receivers: less cover of front and of back layers.
-pub fn cover(wedges: &[Wedge], ids: &[u32], receivers: &[DVec3], steps: f32, out: &mut [Row; 2]) {
+pub fn cover(
+    wedges: &[PlaneWedge],
+    ids: &[u32],
+    receivers: &[DVec3],
+    steps: f32,
+    out: &mut [Row; 2],
+) {
     let mut position = [[0.0; LANES]; 3];
     for lane in 0..LANES {
         let p = receivers[if lane < receivers.len() { lane } else { 0 }];
@@ -103,7 +109,7 @@ pub fn cover(wedges: &[Wedge], ids: &[u32], receivers: &[DVec3], steps: f32, out
 #[inline(always)]
 fn cover_lanes<S: Simd>(
     simd: S,
-    wedges: &[Wedge],
+    wedges: &[PlaneWedge],
     ids: &[u32],
     position: &[[f64; LANES]; 3],
     steps: f32,
@@ -142,13 +148,13 @@ fn cover_lanes<S: Simd>(
         let s = (top / bottom).where_bits(whole, 0.5);
         let s = s.greater(zero).lesser(1.0);
         let s = match wedge.falloff {
-            Falloff::Linear => s,
-            Falloff::Smooth => {
+            PlaneFalloff::Linear => s,
+            PlaneFalloff::Smooth => {
                 let smooth = s * s * (3.0 - (s + s));
                 smooth.lesser(1.0)
             }
-            Falloff::Line if wedge.part < 0.0 => line_over_disk(s),
-            Falloff::Line => line_over_rectangle(s, wedge.part),
+            PlaneFalloff::Line if wedge.part < 0.0 => line_over_disk(s),
+            PlaneFalloff::Line => line_over_rectangle(s, wedge.part),
         };
         let s = if steps > 0.0 {
             let magic = f32x16::splat(simd, 12_582_912.0);

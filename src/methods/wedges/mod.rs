@@ -7,7 +7,7 @@
 //! ([`buffer`]).
 //!
 //! Two ways to find the intensity inside a wedge:
-//! - [`Falloff::Light`]: the area of the light that the edge cuts off ([`area`]), relative to the hard shadow
+//! - [`WedgeFalloff::Light`]: the area of the light that the edge cuts off ([`area`]), relative to the hard shadow
 //!   of the light's centre. Exact where the silhouette that the centre sees is the one that all of the light
 //!   sees, and continuous without side planes.
 //! - the paper's interpolation between front, back and side planes ([`planes`], [`interpolate`]), with three
@@ -42,15 +42,15 @@ use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::tangents::tangents;
-use crate::method::{Method, Prepared, Shading};
+use crate::method::{Method, Overlap, Prepared, Shading};
 use crate::raster::cover_projected;
 use crate::receivers::Receivers;
 use block::LightFrame;
-use bounds::{Bounds, BoundsList};
-use buffer::{Frame, Groups, Interior, TileBuffer};
+use bounds::{BoundsList, WedgeBounds};
+use buffer::{Groups, ImageContext, Interior, TileBuffer};
 use edge::area_edges;
 use planes::{Construction, Wedge};
-use volume::{Counting, Quad, View};
+use volume::{Counting, VolumeQuad, VolumeView};
 
 /// Distance of a light up to which wedges are right, in local units: their planes are found in `f64`, which begins to
 /// fail ten times farther away.
@@ -58,24 +58,13 @@ const REACH: f64 = 65536.0;
 
 /// How the intensity falls off across a wedge.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Falloff {
+pub enum WedgeFalloff {
     /// By the area of the light that the edge, with its ends, cuts off.
     Light,
     /// Interpolated between planes.
-    Planes(interpolate::Falloff),
-    /// As so many quads of constant intensity.
+    Planes(interpolate::PlaneFalloff),
+    /// The wedge is drawn as this many quads, each of constant intensity (the paper's Figure 15).
     Fan(usize),
-}
-
-/// How the shadows of different objects combine.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Overlap {
-    /// What they hide is added (the paper).
-    Add,
-    /// What they leave visible is multiplied.
-    Multiply,
-    /// The darkest counts.
-    Minimum,
 }
 
 /// How the light-intensity buffer stores.
@@ -94,7 +83,7 @@ pub enum Buffer {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wedges {
     /// How the intensity falls off across a wedge.
-    pub falloff: Falloff,
+    pub falloff: WedgeFalloff,
     /// How objects combine.
     pub overlap: Overlap,
     /// Whether the buffer holds integers.
@@ -122,18 +111,18 @@ pub struct ShadowVolume {
 
 /// What both need.
 #[derive(Clone, Copy)]
-struct Settings {
+struct WedgeSettings {
     method: &'static str,
     /// Whether transparent meshes count as opaque.
     opaque: bool,
-    soft: Option<(Falloff, Construction)>,
+    soft: Option<(WedgeFalloff, Construction)>,
     overlap: Overlap,
     buffer: Buffer,
     counting: Counting,
     cull: bool,
 }
 
-impl Settings {
+impl WedgeSettings {
     fn objects(&self) -> bool {
         self.overlap != Overlap::Add
     }
@@ -175,7 +164,7 @@ impl Method for ShadowVolume {
         lights: &[Light],
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
-        let settings = Settings {
+        let settings = WedgeSettings {
             method: self.name(),
             opaque: self.opaque,
             soft: None,
@@ -192,8 +181,8 @@ impl Method for ShadowVolume {
 /// The wedges of one light.
 struct Cast {
     light: Light,
-    /// One list a quad of the fan; otherwise one.
-    quads: Vec<Quad>,
+    /// The sides of the volumes that are drawn: `fan` quads for every edge.
+    quads: Vec<VolumeQuad>,
     /// Quads that stand for one edge.
     fan: usize,
     interior: Interior,
@@ -204,15 +193,15 @@ struct Cast {
 struct PreparedWedges {
     casters: Casters,
     casts: Vec<Cast>,
-    settings: Settings,
+    settings: WedgeSettings,
     seconds: Vec<(&'static str, f64)>,
 }
 
 /// Bounds of the receivers whose light an edge can cut.
-fn bounds_of_edge(edge: &Edge, light: &Light) -> Bounds {
+fn bounds_of_edge(edge: &Edge, light: &Light) -> WedgeBounds {
     let [a, b] = edge.ends;
     let Some(along) = (b - a).try_normalize() else {
-        return Bounds::new([None; 4]);
+        return WedgeBounds::new([None; 4]);
     };
     let normal = (a - light.center()).cross(b - a);
     let limits = tangents(light, a, along, normal);
@@ -221,7 +210,7 @@ fn bounds_of_edge(edge: &Edge, light: &Light) -> Bounds {
         let axis = normal.try_normalize()?;
         tangents(light, p, axis, out).map(|t| (t.front, p))
     };
-    Bounds::new([
+    WedgeBounds::new([
         limits.map(|t| (t.front, a)),
         limits.map(|t| (-t.back, a)),
         side(a, -along),
@@ -230,12 +219,12 @@ fn bounds_of_edge(edge: &Edge, light: &Light) -> Bounds {
 }
 
 impl Cast {
-    fn new(edges: &[Edge], light: &Light, settings: &Settings) -> Cast {
+    fn new(edges: &[Edge], light: &Light, settings: &WedgeSettings) -> Cast {
         let center = light.center();
         let hard = || {
             edges
                 .par_iter()
-                .map(|e| Quad::hard(e, center))
+                .map(|e| VolumeQuad::hard(e, center))
                 .collect::<Vec<_>>()
         };
         let objects = |w: &[Wedge]| w.iter().map(|w| w.object).collect::<Vec<_>>();
@@ -253,9 +242,9 @@ impl Cast {
                 quads: hard(),
                 ..none
             },
-            Some((Falloff::Light, _)) => {
+            Some((WedgeFalloff::Light, _)) => {
                 let quads = hard();
-                let bounds: Vec<Bounds> =
+                let bounds: Vec<WedgeBounds> =
                     edges.par_iter().map(|e| bounds_of_edge(e, light)).collect();
                 let kernel = area_edges(edges, &quads, light);
                 Cast {
@@ -266,12 +255,13 @@ impl Cast {
                     ..none
                 }
             }
-            Some((Falloff::Planes(falloff), construction)) => {
+            Some((WedgeFalloff::Planes(falloff), construction)) => {
                 let wedges = planes::wedges(edges, light, construction);
-                let bounds: Vec<Bounds> = wedges.par_iter().map(Bounds::of_wedge).collect();
+                let bounds: Vec<WedgeBounds> =
+                    wedges.par_iter().map(WedgeBounds::of_wedge).collect();
                 let kernel = wedges
                     .par_iter()
-                    .map(|w| interpolate::Wedge::new(w, light, falloff));
+                    .map(|w| interpolate::PlaneWedge::new(w, light, falloff));
                 Cast {
                     interior: Interior::Planes(kernel.collect()),
                     bounds: BoundsList::new(&bounds),
@@ -280,10 +270,10 @@ impl Cast {
                     ..none
                 }
             }
-            Some((Falloff::Fan(count), construction)) => {
+            Some((WedgeFalloff::Fan(count), construction)) => {
                 let wedges = planes::wedges(edges, light, construction);
                 let part = |k: usize| (k as f64 + 0.5) / count as f64;
-                let mut quads: Vec<Quad> = wedges
+                let mut quads: Vec<VolumeQuad> = wedges
                     .par_iter()
                     .flat_map_iter(|w| (0..count).map(move |k| w.quad(part(k), center)))
                     .collect();
@@ -311,7 +301,7 @@ impl PreparedWedges {
     fn new(
         geometry: Arc<Snapshot>,
         lights: &[Light],
-        settings: Settings,
+        settings: WedgeSettings,
         control: &Control,
     ) -> Result<Self> {
         let casters = Casters::new(settings.method, geometry, settings.opaque)?;
@@ -382,7 +372,7 @@ impl PreparedWedges {
             .copied()
             .reduce(|| DVec3::INFINITY, DVec3::min);
         let high = points.copied().reduce(|| DVec3::NEG_INFINITY, DVec3::max);
-        let view = View {
+        let view = VolumeView {
             camera,
             receivers: [low, high],
             counting: self.settings.counting,
@@ -390,7 +380,7 @@ impl PreparedWedges {
             copies: cast.fan as i32,
         };
         let drawing = volume::draw(&self.casters, &cast.quads, cast.light.center(), &view);
-        let frame = Frame::new(cast, &drawing, receivers, camera, &self.settings, keep);
+        let image = ImageContext::new(cast, &drawing, receivers, camera, &self.settings, keep);
         // Receivers are counted once a group, as by every method; tiles need no steps of their own.
         let silent = control.silent();
         let tiles = cover_projected(
@@ -399,7 +389,7 @@ impl PreparedWedges {
             &drawing.faces,
             camera,
             &silent,
-            |tile| TileBuffer::new(&frame, tile),
+            |tile| TileBuffer::new(&image, tile),
         )?;
         let parts: Vec<Groups> = tiles
             .into_par_iter()
@@ -427,7 +417,7 @@ impl Wedges {
         receivers: &Receivers,
         control: &Control,
     ) -> Result<Vec<[f32; 2]>> {
-        let settings = Settings {
+        let settings = WedgeSettings {
             overlap: Overlap::Add,
             ..self.settings(1)
         };
@@ -441,9 +431,9 @@ impl Wedges {
         Ok(out)
     }
 
-    fn settings(&self, lights: usize) -> Settings {
+    fn settings(&self, lights: usize) -> WedgeSettings {
         let steps = 255 / lights.clamp(1, 255) as u32;
-        Settings {
+        WedgeSettings {
             method: self.name(),
             opaque: self.opaque,
             soft: Some((self.falloff, self.construction)),

@@ -23,10 +23,10 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
-use super::volume::Quad;
+use super::volume::VolumeQuad;
 use crate::casters::edges::Edge;
 use crate::light::tangents::{Tangents, tangents};
-use crate::light::{Light, Sphere};
+use crate::light::{Light, SphereLight};
 use crate::mesh::silhouettes::{loops, turn_at};
 
 /// How wedges are built.
@@ -111,7 +111,7 @@ impl Link {
             return None;
         }
         let limits = match light.as_sphere() {
-            Some(Sphere { center, radius }) if construction.paper_planes => {
+            Some(SphereLight { center, radius }) if construction.paper_planes => {
                 let plane = |p: DVec3| {
                     let n = direction.cross(p - ends[0]).normalize();
                     if n.dot(outside) < 0.0 { -n } else { n }
@@ -300,7 +300,7 @@ fn meeting(m: DVec3, n: DVec3, from_light: DVec3) -> DVec3 {
 impl Wedge {
     /// A quad through the wedge's edge between its front plane (`part` 0) and its back plane (1); it shares
     /// the lines in which it meets its neighbours' quads of the same part.
-    pub fn quad(&self, part: f64, center: DVec3) -> Quad {
+    pub fn quad(&self, part: f64, center: DVec3) -> VolumeQuad {
         let between = |front: DVec3, back: DVec3| front.lerp(back, part).normalize();
         let normal = between(self.front.normal, self.back.normal);
         let ray = |end: usize| {
@@ -311,7 +311,7 @@ impl Wedge {
                 self.ends[end] - center,
             )
         };
-        Quad {
+        VolumeQuad {
             ends: self.ends,
             rays: [ray(0), ray(1)],
             normal,
@@ -323,8 +323,8 @@ impl Wedge {
     }
 
     /// The quad in the front plane.
-    pub fn front_quad(&self) -> Quad {
-        Quad {
+    pub fn front_quad(&self) -> VolumeQuad {
+        VolumeQuad {
             ends: self.ends,
             rays: self.front_rays,
             normal: self.front.normal,

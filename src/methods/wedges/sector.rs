@@ -4,7 +4,7 @@
 
 use std::f32::consts::PI;
 
-use super::block::Block;
+use super::block::ReceiverBlock;
 use super::edge::{AreaEdge, Split};
 use crate::simd::{Lanes, Row};
 use fearless_simd::{f32x16, prelude::*};
@@ -18,7 +18,7 @@ const NEAREST: f32 = 1e-9;
 
 /// A vertex as sixteen receivers see it on the light.
 #[derive(Clone, Copy)]
-pub(super) struct Seen<S: Simd> {
+pub(super) struct VertexOnLight<S: Simd> {
     /// Homogeneous coordinates.
     q: [f32x16<S>; 3],
     /// Coordinates on the light.
@@ -33,10 +33,10 @@ pub(super) struct Seen<S: Simd> {
     pub(super) inside: u16,
 }
 
-impl<S: Simd> Seen<S> {
+impl<S: Simd> VertexOnLight<S> {
     /// Draws a vertex.
     #[inline(always)]
-    pub(super) fn new(simd: S, block: &Block, vertex: &Split, square: bool) -> Self {
+    pub(super) fn new(simd: S, block: &ReceiverBlock, vertex: &Split, square: bool) -> Self {
         let zero = f32x16::splat(simd, 0.0);
         let mut from = [zero; 3];
         for (axis, [high, low]) in block.position.iter().enumerate() {
@@ -52,7 +52,7 @@ impl<S: Simd> Seen<S> {
             x * x + y * y
         };
         let (ahead, before) = (zero.lt(q[2]), q[2].lt(block.far.load(simd)));
-        Seen {
+        VertexOnLight {
             q,
             at: [x, y],
             away,
@@ -98,7 +98,7 @@ impl<S: Simd> Seen<S> {
     }
 }
 
-/// All the way around the centre, as [`Seen::around`] and [`Inner::twice_triangle`] measure it: the way along
+/// All the way around the centre, as [`VertexOnLight::around`] and [`Inner::twice_triangle`] measure it: the way along
 /// the square's border, or radians.
 pub(super) fn turn(square: bool) -> f32 {
     if square { 8.0 } else { 2.0 * PI }
@@ -108,7 +108,7 @@ pub(super) fn turn(square: bool) -> f32 {
 pub(super) struct Inner<S: Simd> {
     /// Twice the area of the triangle of edge and centre, positive if counter-clockwise.
     pub(super) twice_triangle: f32x16<S>,
-    /// Lanes in which the way from the first vertex's [`Seen::around`] to the second's is a turn more, or less.
+    /// Lanes in which the way from the first vertex's [`VertexOnLight::around`] to the second's is a turn more, or less.
     pub(super) more: u16,
     /// See `more`.
     pub(super) less: u16,
@@ -121,10 +121,10 @@ impl<S: Simd> Inner<S> {
     /// Where rounding might say otherwise, and change the sum by a layer, their exact side decides.
     #[inline(always)]
     pub(super) fn new(
-        a: &Seen<S>,
-        b: &Seen<S>,
+        a: &VertexOnLight<S>,
+        b: &VertexOnLight<S>,
         valid: u16,
-        block: &Block,
+        block: &ReceiverBlock,
         edge: &AreaEdge,
     ) -> Self {
         let ([ax, ay], [bx, by]) = (a.at, b.at);
@@ -156,7 +156,7 @@ impl<S: Simd> Inner<S> {
 }
 
 /// An edge as sixteen receivers see it on the light.
-pub(super) struct Line<S: Simd> {
+pub(super) struct EdgeOnLight<S: Simd> {
     /// Its distance from the centre.
     h: f32x16<S>,
     /// Its direction, unit length.
@@ -170,7 +170,7 @@ pub(super) struct Line<S: Simd> {
     valid: u16,
 }
 
-/// A [`Line`] in memory.
+/// An [`EdgeOnLight`] in memory.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Stored {
     rows: [Row; 7],
@@ -180,7 +180,7 @@ pub(super) struct Stored {
 impl Stored {
     /// Writes an edge.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, line: &Line<S>) {
+    pub(super) fn set<S: Simd>(&mut self, line: &EdgeOnLight<S>) {
         let [h, from, to, dx, dy, fx, fy] = &mut self.rows;
         h.set(line.h);
         from.set(line.from);
@@ -194,9 +194,9 @@ impl Stored {
 
     /// Reads it.
     #[inline(always)]
-    pub(super) fn line<S: Simd>(&self, simd: S) -> Line<S> {
+    pub(super) fn line<S: Simd>(&self, simd: S) -> EdgeOnLight<S> {
         let [h, from, to, dx, dy, fx, fy] = &self.rows;
-        Line {
+        EdgeOnLight {
             h: h.load(simd),
             direction: [dx.load(simd), dy.load(simd)],
             foot: [fx.load(simd), fy.load(simd)],
@@ -207,14 +207,14 @@ impl Stored {
     }
 }
 
-impl<S: Simd> Line<S> {
+impl<S: Simd> EdgeOnLight<S> {
     /// The edge from `a` to `b`, `edge` apart, for the lanes `wanted`; `None` if it adds nothing to any.
     #[inline(always)]
     pub(super) fn new(
         simd: S,
-        block: &Block,
-        a: &Seen<S>,
-        b: &Seen<S>,
+        block: &ReceiverBlock,
+        a: &VertexOnLight<S>,
+        b: &VertexOnLight<S>,
         edge: [f32; 3],
         wanted: u16,
         square: bool,
@@ -258,7 +258,7 @@ impl<S: Simd> Line<S> {
         let root = root * inverse;
         let from = along_a * (zb * root);
         let to = along_b * (za * root);
-        Some(Line {
+        Some(EdgeOnLight {
             h: lz.abs(),
             direction,
             foot: [zero - lz * lx, zero - lz * ly],
@@ -282,7 +282,7 @@ impl<S: Simd> Line<S> {
 
 /// Fraction of the unit disk in the edge's sector beyond it.
 #[inline(always)]
-fn beyond_in_disk<S: Simd>(line: &Line<S>) -> f32x16<S> {
+fn beyond_in_disk<S: Simd>(line: &EdgeOnLight<S>) -> f32x16<S> {
     let h = line.h;
     let half = (1.0 - h * h).greater(0.0).sqrt();
     let low = 0.0 - half;
@@ -297,7 +297,7 @@ fn beyond_in_disk<S: Simd>(line: &Line<S>) -> f32x16<S> {
 
 /// Fraction of the square [-1, 1]² in the edge's sector beyond it.
 #[inline(always)]
-fn beyond_in_square<S: Simd>(line: &Line<S>) -> f32x16<S> {
+fn beyond_in_square<S: Simd>(line: &EdgeOnLight<S>) -> f32x16<S> {
     let (mut t0, mut t1) = (line.from, line.to);
     // A line along a side leaves the slab nowhere: so far away that it does not matter.
     let slope = |d: f32x16<S>| {

@@ -27,11 +27,11 @@ use crate::mesh::silhouettes::side_of;
 use crate::raster::coverage;
 use crate::raster::coverage::Quadrilateral;
 use crate::raster::project;
-use crate::raster::setup::{Bounds as PixelBounds, NEAR};
+use crate::raster::setup::{NEAR, PixelBounds};
 
 /// One side of a shadow volume: from an edge away from the light.
 #[derive(Debug, Clone, Copy)]
-pub struct Quad {
+pub struct VolumeQuad {
     /// Local positions of its edge.
     pub ends: [DVec3; 2],
     /// Unit directions of its sides; each is shared with the neighbour.
@@ -48,12 +48,12 @@ pub struct Quad {
     pub object: u32,
 }
 
-impl Quad {
+impl VolumeQuad {
     /// The side of a hard shadow's volume: the plane through an edge and the light's centre.
-    pub fn hard(edge: &Edge, center: DVec3) -> Quad {
+    pub fn hard(edge: &Edge, center: DVec3) -> VolumeQuad {
         let [a, b] = edge.ends.map(|v| v - center);
         let normal = a.cross(b);
-        Quad {
+        VolumeQuad {
             ends: edge.ends,
             rays: [a, b].map(DVec3::normalize_or_zero),
             normal,
@@ -72,16 +72,16 @@ impl Quad {
 /// From which end of the view ray layers are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Counting {
-    /// From the eye, starting with the layers over it; from infinity where the eye is on a volume's side or
-    /// on a triangle.
+    /// Layers are counted from the eye, starting with the layers over it; from infinity where the eye is on a volume's
+    /// side or on a triangle.
     ZPass,
-    /// From infinity, the volumes closed by caps.
+    /// Layers are counted from infinity, the volumes closed by caps.
     ZFail,
 }
 
 /// What a rasterised face, a piece of a quad or of a cap, counts.
 #[derive(Debug, Clone, Copy)]
-pub struct Surface {
+pub struct CountedFace {
     /// Plane of a quad; unused for caps.
     pub normal: DVec3,
     /// Offset of the plane.
@@ -98,7 +98,7 @@ pub struct Surface {
     pub object: u32,
 }
 
-impl Surface {
+impl CountedFace {
     /// Whether the crossing counts for a receiver on the shadow's side (or not) of its plane.
     pub fn counts(&self, behind: bool) -> bool {
         behind == self.counts_behind
@@ -117,7 +117,7 @@ pub struct Start {
 }
 
 /// What the rasteriser gets for one camera.
-pub struct Drawing {
+pub struct VolumeDrawing {
     /// Homogeneous pixel coordinates.
     pub points: Vec<DVec3>,
     /// Their pixels.
@@ -125,13 +125,13 @@ pub struct Drawing {
     /// Sides of volumes and caps.
     pub faces: Vec<Quadrilateral>,
     /// What each face counts.
-    pub surfaces: Vec<Surface>,
+    pub surfaces: Vec<CountedFace>,
     /// Layers that counting starts with, where there are any; in the order of objects.
     pub start: Vec<Start>,
 }
 
 /// What is drawn.
-pub struct View<'a> {
+pub struct VolumeView<'a> {
     /// The camera, local.
     pub camera: &'a Camera,
     /// Bounds of all receivers.
@@ -206,7 +206,7 @@ impl Room {
 /// The pieces of a quad, each cut in two by its first and third corner; a triangle repeats its last. Where both
 /// sides leave the room of the receivers through one plane it ends there;
 /// a side that leaves has a corner there in any case, so that neighbours share their sides piece by piece.
-fn pieces(quad: &Quad, room: Option<&Room>, out: &mut Vec<[Corner; 4]>) {
+fn pieces(quad: &VolumeQuad, room: Option<&Room>, out: &mut Vec<[Corner; 4]>) {
     let [a, b] = quad.ends.map(Corner::point);
     let [far_a, far_b] = quad.rays.map(Corner::infinite);
     let exit = |end: usize| room.and_then(|r| r.exit(quad.ends[end], quad.rays[end]));
@@ -232,8 +232,13 @@ fn pieces(quad: &Quad, room: Option<&Room>, out: &mut Vec<[Corner; 4]>) {
 }
 
 /// Prepares the volumes of `quads`.
-pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Drawing {
-    let &View {
+pub fn draw(
+    casters: &Casters,
+    quads: &[VolumeQuad],
+    center: DVec3,
+    view: &VolumeView,
+) -> VolumeDrawing {
+    let &VolumeView {
         camera,
         objects,
         copies,
@@ -245,7 +250,7 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
         other => other,
     };
     let room = (counting == Counting::ZPass).then(|| Room::new(view.receivers, eye));
-    let mut drawing = Drawing {
+    let mut drawing = VolumeDrawing {
         points: Vec::with_capacity(4 * quads.len()),
         bounds: Vec::with_capacity(4 * quads.len()),
         faces: Vec::with_capacity(quads.len()),
@@ -270,7 +275,7 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
         };
         let surface = |turned: bool| {
             let sign = if turned { -sign } else { sign };
-            Surface {
+            CountedFace {
                 normal: quad.normal,
                 offset: quad.offset,
                 counts_behind,
@@ -311,13 +316,13 @@ pub fn draw(casters: &Casters, quads: &[Quad], center: DVec3, view: &View) -> Dr
 }
 
 /// Whether the plane of a quad or a triangle comes closer to the eye than the near plane does, in any pixel.
-fn touches(casters: &Casters, quads: &[Quad], camera: &Camera) -> bool {
+fn touches(casters: &Casters, quads: &[VolumeQuad], camera: &Camera) -> bool {
     let eye = camera.eye;
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
     let widest = corners.map(|(x, y)| camera.direction(x, y).length());
     let near = NEAR * widest.into_iter().fold(1.0 + eye.length(), f64::max);
-    let quad = |q: &Quad| (q.normal.dot(eye) - q.offset).abs() <= near * q.normal.length();
+    let quad = |q: &VolumeQuad| (q.normal.dot(eye) - q.offset).abs() <= near * q.normal.length();
     let geometry = casters.geometry();
     let triangle = |face: [u32; 3]| {
         let corners = face.map(|v| geometry.positions[v as usize].as_dvec3());
@@ -330,7 +335,7 @@ fn touches(casters: &Casters, quads: &[Quad], camera: &Camera) -> bool {
     quads.par_iter().any(quad) || casters.faces().any(triangle)
 }
 
-impl Drawing {
+impl VolumeDrawing {
     /// Adds points and returns the first one's number.
     fn points<const N: usize>(&mut self, camera: &Camera, points: [DVec3; N]) -> u32 {
         let first = self.points.len() as u32;
@@ -341,7 +346,7 @@ impl Drawing {
         first
     }
 
-    fn push(&mut self, face: Quadrilateral, surface: Surface) {
+    fn push(&mut self, face: Quadrilateral, surface: CountedFace) {
         self.faces.push(face);
         self.surfaces.push(surface);
     }
@@ -370,17 +375,17 @@ impl Caps {
     fn draw(
         &self,
         casters: &Casters,
-        quads: &[Quad],
+        quads: &[VolumeQuad],
         camera: &Camera,
         objects: bool,
-        drawing: &mut Drawing,
+        drawing: &mut VolumeDrawing,
     ) {
         let &Caps { center, copies } = self;
         let geometry = casters.geometry();
         let far =
             |p: DVec3| Corner::infinite((p - center).normalize_or_zero()).seen_from(camera.eye);
         let mut add = |corners: [DVec3; 3], layers: [i32; 2], object: u32| {
-            let surface = Surface {
+            let surface = CountedFace {
                 normal: DVec3::ZERO,
                 offset: 0.0,
                 counts_behind: false,
@@ -442,7 +447,7 @@ impl Caps {
 /// `copies` volumes.
 fn layers_over(
     casters: &Casters,
-    quads: &[Quad],
+    quads: &[VolumeQuad],
     center: DVec3,
     eye: DVec3,
     objects: bool,
@@ -521,7 +526,7 @@ fn on_left(center: DVec3, eye: DVec3, p: DVec3, q: DVec3) -> bool {
 
 /// What the segment from the light's centre to the eye gains where it crosses a quad, on whose lit side the
 /// centre is. Quads of hard shadows run along the segment and gain nothing.
-fn crossing(quad: &Quad, center: DVec3, eye: DVec3) -> Option<Start> {
+fn crossing(quad: &VolumeQuad, center: DVec3, eye: DVec3) -> Option<Start> {
     if quad.normal.dot(center) <= quad.offset || !quad.behind(eye) {
         return None;
     }

@@ -12,7 +12,7 @@ use crate::frame::Frame;
 use crate::maps::layers::map::LayerMap;
 use crate::method::Prepared;
 use crate::methods::layered::given::{Clear, Given, frame_around, frame_of};
-use crate::methods::layered::{Kind, Layered};
+use crate::methods::layered::{LayerKind, Layered};
 use crate::python::arrays::{points as read_points, set_camera};
 use crate::python::camera::PyCamera;
 use crate::python::light::PyLight;
@@ -24,8 +24,9 @@ use crate::python::scene::PyScene;
 use crate::receivers::Receivers;
 
 /// The method that `softshadow.Slsm`, `Mlsm` or `Mtsm` stands for.
-fn parse(what: &str, parameters: &LayeredParameters, name: &str) -> Result<(Kind, Layered)> {
-    let kinds = [Kind::Single, Kind::Multi, Kind::Transparent].map(|k| (k.name(), k));
+fn parse(what: &str, parameters: &LayeredParameters, name: &str) -> Result<(LayerKind, Layered)> {
+    let kinds =
+        [LayerKind::Single, LayerKind::Multi, LayerKind::Transparent].map(|k| (k.name(), k));
     let kind = choice(what, "method", name, &kinds)?;
     Ok((kind, parameters.parse(kind)?))
 }

@@ -24,8 +24,8 @@ use crate::python::pool::Origin;
 use crate::python::run::{run, step};
 use crate::python::scene::PyScene;
 use crate::textures::atlas::{Atlas, Key, MOST_TEXELS};
-use crate::textures::lookup::Mask;
-use crate::textures::occluders::{Gatherer, Occluders, Side};
+use crate::textures::lookup::TexelMask;
+use crate::textures::occluders::{Gatherer, PatchOccluders, Side};
 use crate::textures::patches::Parallelogram;
 use crate::textures::texture;
 use crate::textures::texture::Texture;
@@ -218,7 +218,7 @@ impl PyTextures {
     /// Whether each texel's centre is on the polygon, row 0 on top.
     fn mask<'py>(&self, py: Python<'py>, i: usize) -> PyResult<Bound<'py, PyArray2<bool>>> {
         let id = self.0.polygons[i].0;
-        let mask = Mask::new(&self.0.atlas, id);
+        let mask = TexelMask::new(&self.0.atlas, id);
         let [w, h] = self.0.atlas.size(id);
         let bits = (0..h).rev().flat_map(|y| (0..w).map(move |x| (x, y)));
         let bits = bits.map(|(x, y)| mask.holds(x, y)).collect();
@@ -346,7 +346,7 @@ pub(in crate::python) fn accumulate<'py>(
             -up
         };
         let side = Side { bounds, normal };
-        let occluders = Occluders::of_mesh(mesh.vertices(), mesh.faces(), &side);
+        let occluders = PatchOccluders::of_mesh(mesh.vertices(), mesh.faces(), &side);
         let texels = texels(size);
         let mut sum = vec![0.0f32; 3 * texels];
         for (points, colours) in points.chunks(64).zip(colours.chunks(64)) {

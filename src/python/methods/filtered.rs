@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use crate::error::Result;
 use crate::methods::filtered::deep::DeepShadow;
 use crate::methods::filtered::pcf::Pcf;
-use crate::methods::filtered::{Estimate, Settings};
+use crate::methods::filtered::{Estimate, FilterSettings};
 use crate::methods::mvsm::Mvsm;
 use crate::python::parse::{choice, parse_opaque, whole};
 
@@ -26,7 +26,7 @@ impl PcfParameters {
     pub(super) fn parse(&self) -> Result<Pcf> {
         let method = "Pcf";
         Pcf {
-            settings: Settings {
+            settings: FilterSettings {
                 resolution: whole(self.resolution),
                 layers: whole(self.layers),
                 samples: whole(self.samples),
@@ -56,7 +56,7 @@ impl DeepParameters {
     /// Checks them.
     pub(super) fn parse(&self) -> Result<DeepShadow> {
         DeepShadow {
-            settings: Settings {
+            settings: FilterSettings {
                 resolution: whole(self.resolution),
                 layers: whole(self.layers),
                 samples: whole(self.samples),

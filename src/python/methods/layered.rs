@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use crate::error::Result;
-use crate::methods::layered::{Kind, Layered, Settings};
+use crate::methods::layered::{LayerKind, Layered, LayeredSettings};
 use crate::python::parse::{choice, parse_opaque, whole};
 
 /// The parameters of layered shadow maps as Python has them: attributes of `softshadow.Slsm`, `Mlsm` and `Mtsm`.
@@ -25,10 +25,10 @@ pub(in crate::python) struct LayeredParameters {
 
 impl LayeredParameters {
     /// Checks them.
-    pub(in crate::python) fn parse(&self, kind: Kind) -> Result<Layered> {
+    pub(in crate::python) fn parse(&self, kind: LayerKind) -> Result<Layered> {
         let method = kind.class();
         let crossings = [("multiply", false), ("subtract", true)];
-        let settings = Settings {
+        let settings = LayeredSettings {
             resolution: self.resolution.map(whole),
             layers: self.layers.map(whole),
             samples: whole(self.samples),

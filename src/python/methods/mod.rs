@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use crate::error::{Error, Result};
 use crate::method::Method;
 use crate::methods::hard::Hard;
-use crate::methods::layered::Kind;
+use crate::methods::layered::LayerKind;
 use accumulation::AccumulationParameters;
 use convolution::ConvolutionParameters;
 use filtered::{DeepParameters, MvsmParameters, PcfParameters};
@@ -40,10 +40,13 @@ const METHODS: [(&str, Make); 14] = [
     ("deep", |m| made(m.extract::<DeepParameters>()?.parse())),
     ("hard", |_| made(Ok(Hard))),
     ("mlsm", |m| {
-        made(m.extract::<LayeredParameters>()?.parse(Kind::Multi))
+        made(m.extract::<LayeredParameters>()?.parse(LayerKind::Multi))
     }),
     ("mtsm", |m| {
-        made(m.extract::<LayeredParameters>()?.parse(Kind::Transparent))
+        made(
+            m.extract::<LayeredParameters>()?
+                .parse(LayerKind::Transparent),
+        )
     }),
     ("mvsm", |m| made(m.extract::<MvsmParameters>()?.parse())),
     ("pcf", |m| made(m.extract::<PcfParameters>()?.parse())),
@@ -57,7 +60,7 @@ const METHODS: [(&str, Make); 14] = [
         made(m.extract::<SingleSampleParameters>()?.parse())
     }),
     ("slsm", |m| {
-        made(m.extract::<LayeredParameters>()?.parse(Kind::Single))
+        made(m.extract::<LayeredParameters>()?.parse(LayerKind::Single))
     }),
     ("ssoc", |m| made(m.extract::<SsocParameters>()?.parse())),
     ("wedges", |m| made(m.extract::<WedgeParameters>()?.parse())),

@@ -3,7 +3,8 @@
 use pyo3::prelude::*;
 
 use crate::error::Result;
-use crate::methods::single_sample::{Overlap, SingleSample};
+use crate::method::Overlap;
+use crate::methods::single_sample::SingleSample;
 use crate::python::parse::{choice, parse_falloff, parse_opaque};
 
 /// The parameters of single sample soft shadows as Python has them: attributes of `softshadow.SingleSample`.

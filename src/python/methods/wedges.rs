@@ -3,9 +3,10 @@
 use pyo3::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::method::Overlap;
 use crate::methods::wedges::planes::Construction;
 use crate::methods::wedges::volume::Counting;
-use crate::methods::wedges::{Falloff, Overlap, ShadowVolume, Wedges, interpolate};
+use crate::methods::wedges::{ShadowVolume, WedgeFalloff, Wedges, interpolate};
 use crate::python::parse::{choice, parse_opaque};
 
 /// The parameters of penumbra wedges as Python has them: attributes of `softshadow.Wedges`.
@@ -27,15 +28,24 @@ impl WedgeParameters {
     pub(in crate::python) fn parse(&self) -> Result<Wedges> {
         let method = "Wedges";
         let falloffs = [
-            ("light", Falloff::Light),
-            ("line", Falloff::Planes(interpolate::Falloff::Line)),
-            ("linear", Falloff::Planes(interpolate::Falloff::Linear)),
-            ("smooth", Falloff::Planes(interpolate::Falloff::Smooth)),
+            ("light", WedgeFalloff::Light),
+            (
+                "line",
+                WedgeFalloff::Planes(interpolate::PlaneFalloff::Line),
+            ),
+            (
+                "linear",
+                WedgeFalloff::Planes(interpolate::PlaneFalloff::Linear),
+            ),
+            (
+                "smooth",
+                WedgeFalloff::Planes(interpolate::PlaneFalloff::Smooth),
+            ),
         ];
         let falloff = choice(method, "falloff", &self.falloff, &falloffs)?;
         let falloff = match self.quads {
             None => falloff,
-            Some(n @ 1..=256) => Falloff::Fan(n as usize),
+            Some(n @ 1..=256) => WedgeFalloff::Fan(n as usize),
             Some(n) => {
                 let reason = format!("quads must be 1 to 256 or None, got {n}");
                 return Err(Error::parameter(method, reason));

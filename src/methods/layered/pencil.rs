@@ -1,0 +1,215 @@
+//! What a walk through a map knows of a receiver's segments: their pencil, and the bins of samples in which things are
+//! seen.
+
+use fearless_simd::{f32x16, prelude::*};
+use glam::{DVec3, Vec4};
+
+use super::masks::{Axis, BINS, Mask};
+use crate::maps::layers::map::LayerMap;
+use crate::simd::{LANES, Lanes, Row, join};
+
+/// Relative rounding of the receiver's and the pieces' coordinates: some ulps of an `f32`.
+pub(super) const ROUNDING: f32 = 8.0 * f32::EPSILON;
+
+/// Depths nearer to the receiver than this count as at it: only to divide by something.
+pub(super) const TINY: f32 = 1e-30;
+
+/// Adding it to a number from 0 to 2²² leaves the nearest whole number in the low bits.
+const WHOLE: f32 = (1 << 23) as f32;
+
+/// How segments are traced.
+#[derive(Debug, Clone, Copy)]
+pub struct Tracing {
+    /// Thickness of surfaces to either side, local units.
+    pub thickness: f32,
+    /// How far above the tangent plane an occluder must be, local units.
+    pub bias: f32,
+    /// Texels that are told apart across a light which is seen through the whole of a map: the walk ends at the level
+    /// that still has as many. Through a part of it, as many times the cube root of the part.
+    pub detail: f32,
+    /// Transmittance at which a sample counts as hidden.
+    pub threshold: f32,
+    /// Whether crossings subtract what they take from the map's own ray (equation 3), and do not multiply.
+    pub subtract: bool,
+}
+
+/// What the segments of a receiver to up to 256 light points have in common.
+pub struct Pencil<'a> {
+    /// The receiver: column, row, inverse depth.
+    pub start: DVec3,
+    /// Slopes of the samples across columns: the least, and the largest less the least.
+    pub columns: [f32; 2],
+    /// Slopes of the samples across rows: the least, and the largest less the least.
+    pub rows: [f32; 2],
+    /// The samples by their slopes; without, all samples count as hidden by whatever lies among the slopes.
+    pub axes: Option<[&'a Axis; 2]>,
+    /// Inverse depth from which on nothing counts: the light's.
+    pub end: f32,
+    /// Height over the tangent plane, times inverse depth, grows so much per column, row and inverse depth; 0
+    /// without a tangent plane.
+    pub plane: [f32; 3],
+}
+
+/// The samples of a pencil, and what reaches them.
+pub struct SampleVisibility {
+    /// Samples that are not hidden.
+    pub open: Mask,
+    /// Transmittance of each, in a transparent map.
+    pub through: [Row; BINS / LANES],
+}
+
+impl SampleVisibility {
+    /// The state before a walk: the samples in `open` are seen in full.
+    pub fn new(open: Mask) -> Self {
+        SampleVisibility {
+            open,
+            through: [Row([1.0; LANES]); BINS / LANES],
+        }
+    }
+
+    /// Sum of the samples' transmittances.
+    pub fn sum(&self, transparent: bool) -> f32 {
+        if !transparent {
+            return self.open.count() as f32;
+        }
+        let mut sums = Row::default();
+        for (r, row) in self.through.iter().enumerate() {
+            let bits = self.open.row(r);
+            for lane in 0..LANES {
+                if bits >> lane & 1 == 1 {
+                    sums.0[lane] += row.0[lane];
+                }
+            }
+        }
+        sums.0.iter().sum()
+    }
+}
+
+/// A pencil, ready for a walk.
+pub(super) struct Walk<'a> {
+    pub(super) map: &'a LayerMap,
+    pub(super) how: &'a Tracing,
+    pub(super) pencil: &'a Pencil<'a>,
+    /// Whole and fractional part of the receiver's column and row.
+    pub(super) place: [f64; 2],
+    pub(super) w: f32,
+    /// The map from slopes to bins: factors and offsets, of four left, right, upper and lower sides.
+    pub(super) scale: Row,
+    pub(super) offset: Row,
+    /// Depth over the receiver up to which the finest level answers.
+    pub(super) band: f32,
+    pub(super) has_plane: bool,
+    /// Whether something in the map is transparent.
+    pub(super) transparent: bool,
+}
+
+/// Directions in which the left, right, upper and lower sides of four rectangles move outward.
+pub(super) const OUTWARD: Row = four_sides([-1.0, 1.0, -1.0, 1.0]);
+
+/// The lanes of left and upper sides.
+pub(super) const FIRST: u16 = 0x0f0f;
+
+/// A value for four left, right, upper and lower sides.
+const fn four_sides(values: [f32; 4]) -> Row {
+    let mut row = [0.0; LANES];
+    let mut i = 0;
+    while i < LANES {
+        row[i] = values[i / 4];
+        i += 1;
+    }
+    Row(row)
+}
+
+/// Bins of four left, right, upper and lower sides of rectangles.
+#[derive(Clone, Copy)]
+pub(super) struct Bins(Row);
+
+impl Bins {
+    /// The bins of coordinates: the nearest whole numbers within a table's range.
+    #[inline(always)]
+    pub(super) fn new<S: Simd>(x: f32x16<S>) -> Self {
+        let mut bins = Row::default();
+        let within = x.greater(0.0).lesser(BINS as f32);
+        bins.set(within + WHOLE);
+        Bins(bins)
+    }
+
+    /// Sides of one of the rectangles.
+    #[inline(always)]
+    fn sides(&self, i: usize) -> [u32; 4] {
+        [0, 4, 8, 12].map(|side| self.0.0[side + i].to_bits() & 0x1ff)
+    }
+}
+
+impl<'a> Walk<'a> {
+    /// Prepares a pencil for a walk through `map`.
+    #[inline(always)]
+    pub(super) fn new(map: &'a LayerMap, how: &'a Tracing, pencil: &'a Pencil<'a>) -> Self {
+        let [(low_u, extent_u), (low_v, extent_v)] =
+            [pencil.columns, pencil.rows].map(|[low, extent]| (low, extent));
+        let scale = [BINS as f32 / extent_u, BINS as f32 / extent_v];
+        Walk {
+            map,
+            how,
+            pencil,
+            place: [pencil.start.x, pencil.start.y],
+            w: pencil.start.z as f32,
+            scale: four_sides([scale[0], scale[0], scale[1], scale[1]]),
+            offset: {
+                let [u, v] = [low_u * scale[0], low_v * scale[1]];
+                four_sides([u, u, v, v])
+            },
+            band: {
+                let across = map.levels[0].width.max(map.levels[0].height) as f32;
+                how.detail * (how.detail / across).sqrt() / extent_u.max(extent_v)
+            },
+            has_plane: pencil.plane != [0.0; 3],
+            transparent: map.is_transparent(),
+        }
+    }
+}
+
+impl Walk<'_> {
+    /// The samples in one of four rectangles.
+    #[inline(always)]
+    pub(super) fn within(&self, bins: &Bins, i: usize) -> Mask {
+        let [u0, u1, v0, v1] = bins.sides(i);
+        match self.pencil.axes {
+            Some([u, v]) => u.between(u0, u1) & v.between(v0, v1),
+            None if u0 < u1 && v0 < v1 => !Mask::NONE,
+            None => Mask::NONE,
+        }
+    }
+
+    /// The bins of what lies in four nodes between two depths over the receiver: of the sides, the least and the largest.
+    #[inline(always)]
+    fn spans<S: Simd>(&self, simd: S, sides: [Vec4; 4], far: Vec4, near: Vec4) -> [f32x16<S>; 2] {
+        let sides = join(simd, sides) * self.scale.load(simd);
+        let a = sides * join(simd, [far.recip(); 4]);
+        let b = sides * join(simd, [near.recip(); 4]);
+        let offset = self.offset.load(simd);
+        [a.lesser(b) - offset, a.greater(b) - offset]
+    }
+
+    /// The bins in which it may be seen.
+    #[inline(always)]
+    pub(super) fn widest<S: Simd>(&self, simd: S, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
+        let [least, most] = self.spans(simd, sides, far, near);
+        let half = OUTWARD.load(simd) * 0.5;
+        Bins::new(least.where_bits(FIRST, most) + half)
+    }
+
+    /// The bins in which it surely is, if it covers the nodes.
+    #[inline(always)]
+    pub(super) fn narrowest<S: Simd>(
+        &self,
+        simd: S,
+        sides: [Vec4; 4],
+        far: Vec4,
+        near: Vec4,
+    ) -> Bins {
+        let [least, most] = self.spans(simd, sides, far, near);
+        let half = OUTWARD.load(simd) * 0.5;
+        Bins::new(most.where_bits(FIRST, least) - half)
+    }
+}
