@@ -51,3 +51,7 @@ extern crate self as softshadow;
 #[cfg(test)]
 #[path = "../tests/adversarial/main.rs"]
 mod adversarial;
+
+#[cfg(test)]
+#[path = "../tests/same_bits.rs"]
+mod same_bits;

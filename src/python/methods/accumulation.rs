@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::Result;
 use crate::methods::accumulation::{Accumulation, Content};
 use crate::python::parse::{INTERPOLATIONS, choice, parse_memory, parse_opaque};
@@ -54,4 +55,9 @@ impl AccumulationParameters {
         }
         .checked()
     }
+}
+
+/// The method, from its Python object.
+pub(super) fn make(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<AccumulationParameters>()?.parse())
 }

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::Result;
 use crate::methods::convolution::Convolution;
 use crate::python::parse::{INTERPOLATIONS, choice, parse_memory, parse_opaque};
@@ -42,4 +43,9 @@ impl ConvolutionParameters {
         }
         .checked()
     }
+}
+
+/// The method, from its Python object.
+pub(super) fn make(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<ConvolutionParameters>()?.parse())
 }

@@ -2,11 +2,11 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::Result;
 use crate::methods::filtered::deep::DeepShadow;
 use crate::methods::filtered::pcf::Pcf;
 use crate::methods::filtered::{Estimate, FilterSettings};
-use crate::methods::mvsm::Mvsm;
 use crate::python::parse::{choice, parse_opaque, whole};
 
 /// Attributes of `softshadow.Pcf`.
@@ -70,35 +70,17 @@ impl DeepParameters {
     }
 }
 
-/// Attributes of `softshadow.Mvsm`.
-#[derive(FromPyObject)]
-pub(super) struct MvsmParameters {
-    resolution: i64,
-    views: i64,
-    samples: i64,
-    seed: u64,
-    gap: Option<f64>,
-    bias: Option<f64>,
-    opacity: Option<String>,
-}
-
-impl MvsmParameters {
-    /// Checks them.
-    pub(super) fn parse(&self) -> Result<Mvsm> {
-        Mvsm {
-            resolution: whole(self.resolution),
-            views: whole(self.views),
-            samples: whole(self.samples),
-            seed: self.seed,
-            gap: self.gap,
-            bias: self.bias,
-            opaque: parse_opaque("Mvsm", self.opacity.as_deref())?,
-        }
-        .checked()
-    }
-}
-
 fn parse_estimate(method: &str, name: &str) -> Result<Estimate> {
     let values = [("nearest", Estimate::Nearest), ("mean", Estimate::Mean)];
     choice(method, "estimate", name, &values)
+}
+
+/// The method, from its Python object.
+pub(super) fn pcf(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<PcfParameters>()?.parse())
+}
+
+/// The method, from its Python object.
+pub(super) fn deep(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<DeepParameters>()?.parse())
 }

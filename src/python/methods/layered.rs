@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::Result;
 use crate::methods::layered::{LayerKind, Layered, LayeredSettings};
 use crate::python::parse::{choice, parse_opaque, whole};
@@ -44,4 +45,31 @@ impl LayeredParameters {
         };
         Layered::new(kind, settings)
     }
+}
+
+/// The method, from its Python object.
+pub(super) fn slsm(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(
+        fields
+            .extract::<LayeredParameters>()?
+            .parse(LayerKind::Single),
+    )
+}
+
+/// The method, from its Python object.
+pub(super) fn mlsm(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(
+        fields
+            .extract::<LayeredParameters>()?
+            .parse(LayerKind::Multi),
+    )
+}
+
+/// The method, from its Python object.
+pub(super) fn mtsm(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(
+        fields
+            .extract::<LayeredParameters>()?
+            .parse(LayerKind::Transparent),
+    )
 }

@@ -1,10 +1,12 @@
 //! The methods' parameters as Python has them: a file a method, and the table of their names.
 
 pub(super) mod accumulation;
-pub(super) mod convolution;
-pub(super) mod filtered;
+mod convolution;
+mod filtered;
+mod hard;
 pub(super) mod layered;
-pub(super) mod ray_traced;
+mod mvsm;
+mod ray_traced;
 pub(super) mod single_sample;
 pub(super) mod ssoc;
 pub(super) mod wedges;
@@ -15,59 +17,32 @@ use pyo3::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::method::Method;
-use crate::methods::hard::Hard;
-use crate::methods::layered::LayerKind;
-use accumulation::AccumulationParameters;
-use convolution::ConvolutionParameters;
-use filtered::{DeepParameters, MvsmParameters, PcfParameters};
-use layered::LayeredParameters;
-use ray_traced::RayTracedParameters;
-use single_sample::SingleSampleParameters;
-use ssoc::SsocParameters;
-use wedges::{VolumeParameters, WedgeParameters};
-
-/// Makes a method from its Python object, whose attributes are the parameters.
-type Make = fn(&Bound<'_, PyAny>) -> PyResult<Arc<dyn Method>>;
-
-/// Every method by its name.
-const METHODS: [(&str, Make); 14] = [
-    ("accumulation", |m| {
-        made(m.extract::<AccumulationParameters>()?.parse())
-    }),
-    ("convolution", |m| {
-        made(m.extract::<ConvolutionParameters>()?.parse())
-    }),
-    ("deep", |m| made(m.extract::<DeepParameters>()?.parse())),
-    ("hard", |_| made(Ok(Hard))),
-    ("mlsm", |m| {
-        made(m.extract::<LayeredParameters>()?.parse(LayerKind::Multi))
-    }),
-    ("mtsm", |m| {
-        made(
-            m.extract::<LayeredParameters>()?
-                .parse(LayerKind::Transparent),
-        )
-    }),
-    ("mvsm", |m| made(m.extract::<MvsmParameters>()?.parse())),
-    ("pcf", |m| made(m.extract::<PcfParameters>()?.parse())),
-    ("ray_traced", |m| {
-        made(m.extract::<RayTracedParameters>()?.parse())
-    }),
-    ("shadow_volume", |m| {
-        made(m.extract::<VolumeParameters>()?.parse())
-    }),
-    ("single_sample", |m| {
-        made(m.extract::<SingleSampleParameters>()?.parse())
-    }),
-    ("slsm", |m| {
-        made(m.extract::<LayeredParameters>()?.parse(LayerKind::Single))
-    }),
-    ("ssoc", |m| made(m.extract::<SsocParameters>()?.parse())),
-    ("wedges", |m| made(m.extract::<WedgeParameters>()?.parse())),
-];
 
 /// A method whose parameters are right.
-fn made(method: Result<impl Method + 'static>) -> PyResult<Arc<dyn Method>> {
+type Made = Arc<dyn Method>;
+
+/// Makes a method from its Python object, whose attributes are the parameters.
+type Make = fn(&Bound<'_, PyAny>) -> PyResult<Made>;
+
+/// Every method by its name.
+const METHODS: &[(&str, Make)] = &[
+    ("accumulation", accumulation::make),
+    ("convolution", convolution::make),
+    ("deep", filtered::deep),
+    ("hard", hard::make),
+    ("mlsm", layered::mlsm),
+    ("mtsm", layered::mtsm),
+    ("mvsm", mvsm::make),
+    ("pcf", filtered::pcf),
+    ("ray_traced", ray_traced::make),
+    ("shadow_volume", wedges::shadow_volume),
+    ("single_sample", single_sample::make),
+    ("slsm", layered::slsm),
+    ("ssoc", ssoc::make),
+    ("wedges", wedges::wedges),
+];
+
+fn made(method: Result<impl Method + 'static>) -> PyResult<Made> {
     Ok(Arc::new(method?))
 }
 

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::Result;
 use crate::methods::ray_traced::RayTraced;
 use crate::python::parse::{choice, whole};
@@ -28,4 +29,9 @@ impl RayTracedParameters {
         }
         .checked()
     }
+}
+
+/// The method, from its Python object.
+pub(super) fn make(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<RayTracedParameters>()?.parse())
 }

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::Result;
 use crate::method::Overlap;
 use crate::methods::single_sample::SingleSample;
@@ -33,4 +34,9 @@ impl SingleSampleParameters {
             opaque: parse_opaque(method, self.opacity.as_deref())?,
         })
     }
+}
+
+/// The method, from its Python object.
+pub(super) fn make(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<SingleSampleParameters>()?.parse())
 }

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::Result;
 use crate::methods::ssoc::Ssoc;
 use crate::methods::ssoc::lookup::Rules;
@@ -39,4 +40,9 @@ impl SsocParameters {
         }
         .checked()
     }
+}
+
+/// The method, from its Python object.
+pub(super) fn make(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<SsocParameters>()?.parse())
 }

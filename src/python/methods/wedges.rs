@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+use super::{Made, made};
 use crate::error::{Error, Result};
 use crate::method::Overlap;
 use crate::methods::wedges::planes::Construction;
@@ -109,4 +110,14 @@ pub(in crate::python) fn parse_construction(
 fn parse_counting(method: &str, name: &str) -> Result<Counting> {
     let values = [("zpass", Counting::ZPass), ("zfail", Counting::ZFail)];
     choice(method, "counting", name, &values)
+}
+
+/// The method, from its Python object.
+pub(super) fn wedges(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<WedgeParameters>()?.parse())
+}
+
+/// The method, from its Python object.
+pub(super) fn shadow_volume(fields: &Bound<'_, PyAny>) -> PyResult<Made> {
+    made(fields.extract::<VolumeParameters>()?.parse())
 }
