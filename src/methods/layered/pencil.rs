@@ -122,16 +122,16 @@ const fn four_sides(values: [f32; 4]) -> Row {
 
 /// Bins of four left, right, upper and lower sides of rectangles.
 #[derive(Clone, Copy)]
-pub(super) struct Bins(Row);
+pub(super) struct SideBins(Row);
 
-impl Bins {
+impl SideBins {
     /// The bins of coordinates: the nearest whole numbers within a table's range.
     #[inline(always)]
     pub(super) fn new<S: Simd>(x: f32x16<S>) -> Self {
         let mut bins = Row::default();
         let within = x.greater(0.0).lesser(BINS as f32);
         bins.set(within + WHOLE);
-        Bins(bins)
+        SideBins(bins)
     }
 
     /// Sides of one of the rectangles.
@@ -172,7 +172,7 @@ impl<'a> Walk<'a> {
 impl Walk<'_> {
     /// The samples in one of four rectangles.
     #[inline(always)]
-    pub(super) fn within(&self, bins: &Bins, i: usize) -> Mask {
+    pub(super) fn within(&self, bins: &SideBins, i: usize) -> Mask {
         let [u0, u1, v0, v1] = bins.sides(i);
         match self.pencil.axes {
             Some([u, v]) => u.between(u0, u1) & v.between(v0, v1),
@@ -193,10 +193,16 @@ impl Walk<'_> {
 
     /// The bins in which it may be seen.
     #[inline(always)]
-    pub(super) fn widest<S: Simd>(&self, simd: S, sides: [Vec4; 4], far: Vec4, near: Vec4) -> Bins {
+    pub(super) fn widest<S: Simd>(
+        &self,
+        simd: S,
+        sides: [Vec4; 4],
+        far: Vec4,
+        near: Vec4,
+    ) -> SideBins {
         let [least, most] = self.spans(simd, sides, far, near);
         let half = OUTWARD.load(simd) * 0.5;
-        Bins::new(least.where_bits(FIRST, most) + half)
+        SideBins::new(least.where_bits(FIRST, most) + half)
     }
 
     /// The bins in which it surely is, if it covers the nodes.
@@ -207,9 +213,9 @@ impl Walk<'_> {
         sides: [Vec4; 4],
         far: Vec4,
         near: Vec4,
-    ) -> Bins {
+    ) -> SideBins {
         let [least, most] = self.spans(simd, sides, far, near);
         let half = OUTWARD.load(simd) * 0.5;
-        Bins::new(most.where_bits(FIRST, least) - half)
+        SideBins::new(most.where_bits(FIRST, least) - half)
     }
 }

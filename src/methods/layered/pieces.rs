@@ -16,7 +16,7 @@ use fearless_simd::prelude::*;
 use glam::{BVec4A, Vec4};
 
 use super::masks::Mask;
-use super::pencil::{Bins, FIRST, OUTWARD, ROUNDING, SampleVisibility, TINY, Walk};
+use super::pencil::{FIRST, OUTWARD, ROUNDING, SampleVisibility, SideBins, TINY, Walk};
 use crate::maps::layers::map::{Block, Level};
 use crate::simd::{LANES, Lanes, Row, join, swap_fours};
 
@@ -215,7 +215,7 @@ impl Walk<'_> {
             let widest = least
                 .lesser(swap_fours(least))
                 .where_bits(FIRST, most.greater(swap_fours(most)));
-            Bins::new(widest - self.offset.load(simd))
+            SideBins::new(widest - self.offset.load(simd))
         };
         while active != 0 {
             let c = active.trailing_zeros() as usize & 3;
