@@ -105,13 +105,24 @@ struct FrameArrays {
     seconds: Vec<(&'static str, f64)>,
 }
 
+/// Values that one task looks at.
+const CHECKED: usize = 1 << 14;
+
 /// Why a visibility may not be a number.
 const TOO_FAR: &str = "it is too far away or too large for single precision";
 
 impl FrameArrays {
     /// Nothing that is not a number leaves: sums and products of what users give may overflow.
     fn check_finite(&self, width: usize) -> Result<()> {
-        let wrong = |values: &[f32]| values.par_iter().position_first(|v| !v.is_finite());
+        // In parts, of which the loop is one over registers.
+        let wrong = |values: &[f32]| {
+            let part = values
+                .par_chunks(CHECKED)
+                .position_first(|part| !part.iter().fold(true, |good, v| good & v.is_finite()))?;
+            let start = part * CHECKED;
+            let inside = values[start..].iter().position(|v| !v.is_finite())?;
+            Some(start + inside)
+        };
         if let Some(i) = wrong(&self.visibility) {
             let pixels = self.mask.len();
             let (light, pixel) = (i / pixels, i % pixels);
