@@ -30,6 +30,7 @@ from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
+from softshadow.fronts import front
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
     Accumulation,
@@ -99,6 +100,7 @@ __all__ = [
     "bake",
     "bake_layout",
     "compare",
+    "front",
     "kernels",
     "method_names",
     "metrics",

@@ -1,0 +1,226 @@
+"""A time budget for `compare`: what is slow is estimated and left out, instead of waited for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softshadow._core import UnsupportedError
+from softshadow.arguments import Progress
+from softshadow.camera import Camera
+from softshadow.methods import Method, RayTraced
+from softshadow.render import Image
+
+__all__ = ["Budget", "affordable_reference", "in_rounds", "small"]
+
+_SHRINK = 8
+"""How much smaller the picture is that an estimate is measured on, a side."""
+
+_SMALLEST = 16
+"""Pixels a side below which a picture tells nothing."""
+
+_PROBE_SHARE = 0.2
+"""Of what remains: how much one method's estimate may take before it is stopped."""
+
+_REFERENCE_SHARE = 1 / 3
+"""Of the budget: how much the default reference may take before it gets fewer samples."""
+
+_FEWEST_SAMPLES = 256
+"""Of the default reference; with fewer, its noise would be among the errors that it measures."""
+
+Render = Callable[[Method, Camera, Progress], Image]
+"""Prepares and renders a fresh copy of the scene."""
+
+
+class OverBudgetError(Exception):
+    """A render took longer than it may; raised through its progress argument."""
+
+
+class Budget:
+    """Seconds that are left, and a progress argument that stops a render when they are used.
+
+    Parameters
+    ----------
+    seconds : float
+        From now on.
+    tell : bool or callable
+        Is told the used fraction of the budget, where it is a function.
+    """
+
+    def __init__(self, seconds: float, tell: Progress) -> None:
+        self._seconds = seconds
+        self._tell = tell
+        self._start = time.perf_counter()
+
+    @property
+    def left(self) -> float:
+        """Seconds until the budget is used; negative after that."""
+        return self._start + self._seconds - time.perf_counter()
+
+    def limit(self, seconds: float) -> Progress:
+        """Return a progress argument that raises `OverBudgetError` after so many seconds."""
+        end = time.perf_counter() + seconds
+
+        def report(_: float) -> None:
+            if callable(self._tell):
+                self._tell(min(1.0 - self.left / self._seconds, 1.0))
+            if time.perf_counter() > end:
+                raise OverBudgetError
+
+        return report
+
+
+def small(camera: Camera) -> Camera:
+    """Return a camera with the same view and an eighth of the pixels a side, at least 16."""
+    width, height = (
+        min(n, max(_SMALLEST, round(n / _SHRINK))) for n in (camera.width, camera.height)
+    )
+    scale = np.diag([width / camera.width, height / camera.height, 1.0])
+    return Camera.from_matrix(scale @ camera.K, camera.camera_to_world, width, height)
+
+
+def _estimate(method: Method, camera: Camera, render: Render, progress: Progress) -> float:
+    """Return the seconds of preparing and rendering once, from a small picture's.
+
+    Preparing is as it is; a frame grows with the pixels.
+    """
+    few = small(camera)
+    image = render(method, few, progress)
+    grown = camera.width * camera.height / (few.width * few.height)
+    return image.seconds["prepare"] + image.seconds["frame"] * grown
+
+
+def affordable_reference(
+    method: RayTraced, camera: Camera, render: Render, budget: Budget
+) -> RayTraced:
+    """Return the default reference with as many samples as a third of the budget has time for.
+
+    The time is that of a small picture; samples are halved down to 256.
+    """
+    seconds = _estimate(method, camera, render, False)
+    while seconds > _REFERENCE_SHARE * budget.left and method.samples > _FEWEST_SAMPLES:
+        method = replace(method, samples=method.samples // 2)
+        seconds /= 2
+    return method
+
+
+@dataclass
+class Outcome:
+    """What came of several methods within a budget.
+
+    Attributes
+    ----------
+    images : dict of str to Image
+        Of each method that was rendered, by label.
+    seconds : dict of str to list of dict
+        Its times, one of `Image.seconds` a round.
+    skipped : dict of str to str
+        Why the others were not.
+    """
+
+    images: dict[str, Image] = field(default_factory=dict)
+    seconds: dict[str, list[dict[str, float]]] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
+
+
+def in_rounds(
+    methods: Mapping[str, Method],
+    camera: Camera,
+    render: Render,
+    repeats: int,
+    budget: Budget,
+    finish: Callable[[str, Image], None],
+    given: bool,
+) -> Outcome:
+    """Render as many methods as there is time for, the cheapest first, then repeat.
+
+    Every method that fits is rendered once before one is rendered again.
+
+    Parameters
+    ----------
+    methods : mapping of str to Method
+        By label.
+    camera : Camera
+    render : callable
+    repeats : int
+        Rounds at most; a method takes part in a further one if there is time for twice its last.
+    budget : Budget
+    finish : callable
+        Is called with a label and its first image; what it takes counts as well.
+    given : bool
+        Whether the user asked for these methods: one that cannot do the scene is an error then, and
+        skipped otherwise.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    UnsupportedError
+        Of a given method.
+    """
+    outcome = Outcome()
+    few = small(camera)
+    size = f"{few.width}x{few.height} pixels"
+    estimates: dict[str, float] = {}
+    for label, method in methods.items():
+        limit = max(_PROBE_SHARE * budget.left, 0.0)
+        try:
+            estimates[label] = _estimate(method, camera, render, budget.limit(limit))
+        except OverBudgetError:
+            outcome.skipped[label] = f"over the budget: more than {limit:.2g} s for {size} alone"
+        except UnsupportedError as error:
+            if given:
+                raise
+            outcome.skipped[label] = str(error)
+    costs: dict[str, float] = {}
+    for label in sorted(estimates, key=estimates.__getitem__):
+        left = max(budget.left, 0.0)
+        about = f"about {estimates[label]:.2g} s, estimated on {size}"
+        if estimates[label] > left:
+            outcome.skipped[label] = f"over the budget: {about}, {left:.2g} s were left"
+            continue
+        start = time.perf_counter()
+        try:
+            image = render(methods[label], camera, budget.limit(left))
+        except OverBudgetError:
+            outcome.skipped[label] = f"over the budget: stopped after {left:.2g} s; {about}"
+            continue
+        except UnsupportedError as error:
+            if given:
+                raise
+            outcome.skipped[label] = str(error)
+            continue
+        costs[label] = time.perf_counter() - start
+        outcome.images[label] = image
+        outcome.seconds[label] = [image.seconds]
+        finish(label, image)
+    _repeat(methods, camera, render, repeats, budget, costs, outcome)
+    return outcome
+
+
+def _repeat(
+    methods: Mapping[str, Method],
+    camera: Camera,
+    render: Render,
+    repeats: int,
+    budget: Budget,
+    costs: dict[str, float],
+    outcome: Outcome,
+) -> None:
+    """Time further rounds, in turn, so that a drift of the machine hits all methods."""
+    for _ in range(1, repeats):
+        for label, seconds in outcome.seconds.items():
+            if 2 * costs[label] > budget.left:
+                continue
+            start = time.perf_counter()
+            try:
+                image = render(methods[label], camera, budget.limit(budget.left))
+            except OverBudgetError:
+                return
+            seconds.append(image.seconds)
+            costs[label] = time.perf_counter() - start
