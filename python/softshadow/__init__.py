@@ -52,6 +52,7 @@ from softshadow.methods import (
 )
 from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
+from softshadow.report import report
 from softshadow.scene import Scene
 
 for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
@@ -108,6 +109,7 @@ __all__ = [
     "plot",
     "prepare",
     "render",
+    "report",
     "scenes",
     "set_threads",
     "thread_count",

@@ -23,7 +23,8 @@ _SMALLEST = 16
 """Pixels a side below which a picture tells nothing."""
 
 _PROBE_SHARE = 0.2
-"""Of what remains: how much one method's estimate may take before it is stopped."""
+"""Of what remains: how much the first estimates may take together. What is stopped for it gets
+another try, twice as long, when the methods that are cheaper are done."""
 
 _REFERENCE_SHARE = 1 / 3
 """Of the budget: how much the default reference may take before it gets fewer samples."""
@@ -163,64 +164,93 @@ def in_rounds(
     UnsupportedError
         Of a given method.
     """
-    outcome = Outcome()
-    few = small(camera)
-    size = f"{few.width}x{few.height} pixels"
-    estimates: dict[str, float] = {}
-    for label, method in methods.items():
-        limit = max(_PROBE_SHARE * budget.left, 0.0)
+    run = _Run(methods, camera, render, budget, finish, given, Outcome())
+    limit = _PROBE_SHARE * budget.left / len(methods)
+    pending = list(methods)
+    # What is stopped wastes less than what it takes in the end, as the limit doubles. Rendering
+    # takes longer than the estimate did: over half of what remains would be in vain.
+    while pending and limit < budget.left / 2:
+        slow = [label for label in pending if not run.estimate(label, limit)]
+        known = [label for label in pending if label in run.estimates]
+        for label in sorted(known, key=run.estimates.__getitem__):
+            run.first(label)
+        pending, limit = slow, 2 * limit
+    run.repeat(repeats)
+    return run.outcome
+
+
+@dataclass
+class _Run:
+    """What `in_rounds` was given, and what it has found."""
+
+    methods: Mapping[str, Method]
+    camera: Camera
+    render: Render
+    budget: Budget
+    finish: Callable[[str, Image], None]
+    given: bool
+    outcome: Outcome
+    estimates: dict[str, float] = field(default_factory=dict)
+    costs: dict[str, float] = field(default_factory=dict)
+
+    def estimate(self, label: str, limit: float) -> bool:
+        """Estimate a method's seconds; False if that would take longer than the limit."""
+        few = small(self.camera)
+        told = self.budget.limit(limit)
         try:
-            estimates[label] = _estimate(method, camera, render, budget.limit(limit))
+            seconds = _estimate(self.methods[label], self.camera, self.render, told)
         except OverBudgetError:
-            outcome.skipped[label] = f"over the budget: more than {limit:.2g} s for {size} alone"
+            size = f"{few.width}x{few.height} pixels"
+            self.outcome.skipped[label] = f"over the budget: over {limit:.2g} s for {size} alone"
+            return False
         except UnsupportedError as error:
-            if given:
-                raise
-            outcome.skipped[label] = str(error)
-    costs: dict[str, float] = {}
-    for label in sorted(estimates, key=estimates.__getitem__):
-        left = max(budget.left, 0.0)
-        about = f"about {estimates[label]:.2g} s, estimated on {size}"
-        if estimates[label] > left:
-            outcome.skipped[label] = f"over the budget: {about}, {left:.2g} s were left"
-            continue
+            self._refuse(label, error)
+            return True
+        self.outcome.skipped.pop(label, None)
+        self.estimates[label] = seconds
+        return True
+
+    def first(self, label: str) -> None:
+        """Render a method for the first time, if there is time for its estimate."""
+        if label not in self.estimates:  # it cannot do the scene
+            return
+        few = small(self.camera)
+        left = max(self.budget.left, 0.0)
+        about = f"about {self.estimates[label]:.2g} s"
+        about += f", estimated on {few.width}x{few.height} pixels"
+        if self.estimates[label] > left:
+            self.outcome.skipped[label] = f"over the budget: {about}; {left:.2g} s were left"
+            return
         start = time.perf_counter()
         try:
-            image = render(methods[label], camera, budget.limit(left))
+            image = self.render(self.methods[label], self.camera, self.budget.limit(left))
         except OverBudgetError:
-            outcome.skipped[label] = f"over the budget: stopped after {left:.2g} s; {about}"
-            continue
+            self.outcome.skipped[label] = f"over the budget: stopped after {left:.2g} s; {about}"
+            return
         except UnsupportedError as error:
-            if given:
-                raise
-            outcome.skipped[label] = str(error)
-            continue
-        costs[label] = time.perf_counter() - start
-        outcome.images[label] = image
-        outcome.seconds[label] = [image.seconds]
-        finish(label, image)
-    _repeat(methods, camera, render, repeats, budget, costs, outcome)
-    return outcome
+            self._refuse(label, error)
+            return
+        self.costs[label] = time.perf_counter() - start
+        self.outcome.images[label] = image
+        self.outcome.seconds[label] = [image.seconds]
+        self.finish(label, image)
 
+    def repeat(self, repeats: int) -> None:
+        """Time further rounds, in turn, so that a drift of the machine hits all methods."""
+        for _ in range(1, repeats):
+            for label, seconds in self.outcome.seconds.items():
+                if 2 * self.costs[label] > self.budget.left:
+                    continue
+                start = time.perf_counter()
+                told = self.budget.limit(self.budget.left)
+                try:
+                    image = self.render(self.methods[label], self.camera, told)
+                except OverBudgetError:
+                    return
+                seconds.append(image.seconds)
+                self.costs[label] = time.perf_counter() - start
 
-def _repeat(
-    methods: Mapping[str, Method],
-    camera: Camera,
-    render: Render,
-    repeats: int,
-    budget: Budget,
-    costs: dict[str, float],
-    outcome: Outcome,
-) -> None:
-    """Time further rounds, in turn, so that a drift of the machine hits all methods."""
-    for _ in range(1, repeats):
-        for label, seconds in outcome.seconds.items():
-            if 2 * costs[label] > budget.left:
-                continue
-            start = time.perf_counter()
-            try:
-                image = render(methods[label], camera, budget.limit(budget.left))
-            except OverBudgetError:
-                return
-            seconds.append(image.seconds)
-            costs[label] = time.perf_counter() - start
+    def _refuse(self, label: str, error: UnsupportedError) -> None:
+        if self.given:
+            raise error
+        self.outcome.skipped[label] = str(error)

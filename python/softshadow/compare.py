@@ -229,8 +229,8 @@ def _within(study: _Study, reference: MethodLike | Image | None, budget: Budget)
         study.given,
     )
     if not outcome.images:
-        reasons = "; ".join(f"{label}: {why}" for label, why in outcome.skipped.items())
-        raise ValueError(f"budget: too small for any method; {reasons}")
+        first, why = next(iter(outcome.skipped.items()))
+        raise ValueError(f"budget: no method was rendered; {first}: {why}")
     done = [label for label in study.methods if label in outcome.images]
     rows = [
         _row(study.methods[label], outcome.images[label], outcome.seconds[label], errors[label])
