@@ -46,15 +46,17 @@ class Budget:
     Parameters
     ----------
     seconds : float
-        From now on.
+        From its start on.
     tell : bool or callable
         Is told the used fraction of the budget, where it is a function.
+    start : float
+        When it began, as of ``time.perf_counter``.
     """
 
-    def __init__(self, seconds: float, tell: Progress) -> None:
+    def __init__(self, seconds: float, tell: Progress, start: float) -> None:
         self._seconds = seconds
         self._tell = tell
-        self._start = time.perf_counter()
+        self._start = start
 
     @property
     def left(self) -> float:
@@ -166,15 +168,18 @@ def in_rounds(
     """
     run = _Run(methods, camera, render, budget, finish, given, Outcome())
     limit = _PROBE_SHARE * budget.left / len(methods)
-    pending = list(methods)
+    slow = [label for label in methods if not run.estimate(label, limit)]
+    for label in sorted(run.estimates, key=run.estimates.__getitem__):
+        run.first(label)
     # What is stopped wastes less than what it takes in the end, as the limit doubles. Rendering
     # takes longer than the estimate did: over half of what remains would be in vain.
-    while pending and limit < budget.left / 2:
-        slow = [label for label in pending if not run.estimate(label, limit)]
-        known = [label for label in pending if label in run.estimates]
-        for label in sorted(known, key=run.estimates.__getitem__):
-            run.first(label)
-        pending, limit = slow, 2 * limit
+    while slow and 2 * limit < budget.left / 2:
+        limit, pending, slow = 2 * limit, slow, []
+        for label in pending:
+            if run.estimate(label, min(limit, max(budget.left, 0.0) / 2)):
+                run.first(label)
+            else:
+                slow.append(label)
     run.repeat(repeats)
     return run.outcome
 

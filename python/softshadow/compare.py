@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from statistics import median
@@ -25,7 +26,7 @@ from softshadow.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["DEFAULT_REFERENCE", "Comparison", "compare"]
+__all__ = ["DEFAULT_REFERENCE", "Comparison", "compare", "label_of", "parameters_text"]
 
 DEFAULT_REFERENCE = RayTraced(samples=1024, seed=0x5EED)
 """What `compare` measures against.
@@ -132,6 +133,7 @@ def compare(
     >>> bool(result.table["mae"][0] > result.table["mae"][1])
     True
     """
+    start = time.perf_counter()
     with needs("metrics", "compare"):  # all of them now, rather than after the last picture
         import flip_evaluator  # noqa: F401
         import pandas  # noqa: F401
@@ -141,11 +143,13 @@ def compare(
     if isinstance(methods, (str, Method)):
         raise TypeError("methods: expected a sequence of methods; put a single one in a list")
     chosen = {
-        _label(method): method
+        label_of(method): method
         for method in map(resolve, method_names() if methods is None else methods)
     }
     if methods is not None and len(chosen) < len(methods):
-        raise ValueError(f"methods: one is listed twice in {[_label(resolve(m)) for m in methods]}")
+        raise ValueError(
+            f"methods: one is listed twice in {[label_of(resolve(m)) for m in methods]}"
+        )
     if not chosen:
         raise ValueError("methods: expected at least one")
 
@@ -156,7 +160,7 @@ def compare(
         study = _Study(scene, camera, light, chosen, methods is not None, repeats)
         if budget is None:
             return _in_order(study, reference, bar)
-        return _within(study, reference, Budget(budget, tell or False))
+        return _within(study, reference, Budget(budget, tell or False, start))
 
 
 @dataclass(frozen=True)
@@ -257,7 +261,7 @@ def _row(
 ) -> dict[str, object]:
     return {
         "method": method.name,
-        "parameters": _parameters(method),
+        "parameters": parameters_text(method),
         "prepare_seconds": median(x["prepare"] for x in seconds),
         "frame_seconds": median(x["frame"] for x in seconds),
         "bytes": image.bytes,
@@ -282,7 +286,7 @@ def _check_reference(image: Image, camera: Camera) -> None:
         raise ValueError("compare: the camera sees no surface, there is nothing to measure")
 
 
-def _parameters(method: Method) -> str:
+def parameters_text(method: Method) -> str:
     """Return what differs from the defaults of the method's class, as in a call."""
     changed = []
     for item in fields(method):
@@ -295,8 +299,9 @@ def _parameters(method: Method) -> str:
     return ", ".join(changed)
 
 
-def _label(method: Method) -> str:
-    parameters = _parameters(method)
+def label_of(method: Method) -> str:
+    """Return a method's name, with its parameters in parentheses if there are any."""
+    parameters = parameters_text(method)
     return f"{method.name}({parameters})" if parameters else method.name
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from softshadow import fronts
 from softshadow.compare import Comparison
+from softshadow.extras import needs
 from softshadow.methods import method_names
 from softshadow.plot.pictures import own_figure
 from softshadow.plot.styles import MITSUBA, style
@@ -97,6 +98,7 @@ def pareto(
     for panel, (title, chosen) in zip(axes, panels.items(), strict=True):
         panel.set_xscale("log")
         panel.set_yscale("log")
+        _decades(panel)
         panel.grid(True, which="major", color="0.92")
         panel.set_axisbelow(True)
         _front_line(panel, times, errors, chosen[on[chosen]])
@@ -247,6 +249,24 @@ def _points(
     )  # fmt: skip
 
 
+def _decades(ax: Any) -> None:
+    """Write an axis's numbers plainly: 0.01, 0.02, 0.05, and only decades where there are many."""
+    with needs("plot", "softshadow.plot"):
+        from matplotlib.ticker import FuncFormatter
+
+    def between(axis: Any) -> Any:
+        def text(value: float, _: int) -> str:
+            low, high = axis.get_view_interval()
+            leading = round(value / 10 ** math.floor(math.log10(value) + 1e-9))
+            return f"{value:g}" if high < 30 * low and leading in (2, 5) else ""
+
+        return text
+
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(FuncFormatter(between(axis)))
+
+
 def _front_line(
     ax: Any, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], rows: npt.NDArray[np.int64]
 ) -> None:
@@ -276,13 +296,16 @@ def _name(
 ) -> None:
     """Name the marks of the front, away from each other: each text gets a free place nearby."""
     taken: list[tuple[float, float, float]] = []
+    points = 72.0 / ax.figure.dpi  # of a pixel; all below is in points
     for i in np.lexsort((y, x)):
-        across, up = ax.transData.transform((x[i], y[i]))
-        width = 6.0 * len(texts[i])
-        for place in ((9, 7), (9, -13), (9, 20), (9, -26), (9, 33), (9, -39)):
-            left, low = across + place[0], up + place[1]
+        across, up = ax.transData.transform((x[i], y[i])) * points
+        width = 5.0 * len(texts[i])
+        beside = 9.0 if across + 9.0 + width < ax.bbox.x1 * points else -9.0 - width
+        left = across + beside
+        for height in (7, -13, 20, -26, 33, -39):
+            place, low = (beside, height), up + height
             clear = all(
-                left > right or left + width < start or abs(low - at) > 12
+                left > right or left + width < start or abs(low - at) > 11
                 for start, right, at in taken
             )
             if clear:

@@ -25,7 +25,7 @@ Pictures: TypeAlias = "Comparison | Mapping[str, Image | npt.ArrayLike]"
 
 
 def report(
-    table: pd.DataFrame | Comparison,
+    table: pd.DataFrame | Comparison | Mapping[str, Comparison],
     path: str | os.PathLike[str],
     images: Pictures | Mapping[str, Pictures] | None = None,
     title: str = "Speed against error",
@@ -39,16 +39,16 @@ def report(
 
     Parameters
     ----------
-    table : pandas.DataFrame or Comparison
-        One row a case: what `softshadow.compare` returns, or any table with the columns ``method``,
-        ``frame_seconds`` and ``penumbra_mae`` and whatever else there is. Columns ``scene``,
-        ``light``, ``camera``, ``machine`` and ``threads`` tell settings apart, a text in ``error``
-        is a failure.
+    table : pandas.DataFrame or Comparison, or mapping of str to Comparison
+        One row a case: what `softshadow.compare` returns, several of them by the scene's name, or
+        any table with the columns ``method``, ``frame_seconds`` and ``penumbra_mae`` and whatever
+        else there is. Columns ``scene``, ``light``, ``camera``, ``machine`` and ``threads`` tell
+        settings apart, a text in ``error`` is a failure.
     path : path
         The file to write, ``.html``.
     images : optional
         As of `softshadow.plot.strip`, or several of them by the name of the scene. When not given,
-        those of a `Comparison`.
+        those of a `Comparison`, or the ``.npz`` files that a column ``image`` names.
     title : str
         Of the page.
     commands : sequence of str
@@ -90,8 +90,18 @@ def report(
     from softshadow.report import sections
     from softshadow.report.html import definitions, page
     from softshadow.report.machine import machine_facts
+    from softshadow.report.tables import one_table, pictures_of
 
-    rows = table.table if isinstance(table, Comparison) else table
+    comparisons: dict[str, Comparison] = {}
+    if isinstance(table, Comparison):
+        comparisons, rows = {"": table}, table.table
+    elif isinstance(table, Mapping):
+        comparisons = dict(table)
+        if not comparisons:
+            raise ValueError("table: expected at least one comparison")
+        rows = one_table(comparisons) if len(comparisons) > 1 else next(iter(table.values())).table
+    else:
+        rows = table
     if not hasattr(rows, "columns"):
         got = type(table).__name__
         raise TypeError(f"table: expected a pandas table or a Comparison, got {got}")
@@ -99,12 +109,16 @@ def report(
         raise ValueError("table: expected at least one row")
     for column in ("method", "frame_seconds", "penumbra_mae"):
         fronts.check_column(rows, column)
-    if images is None and isinstance(table, Comparison):
-        images = table
-    skipped = table.skipped if isinstance(table, Comparison) else {}
+    if images is None:
+        images = dict(comparisons) if comparisons else pictures_of(rows) or None
+    skipped = {
+        f"{name}: {label}" if len(comparisons) > 1 else label: reason
+        for name, result in comparisons.items()
+        for label, reason in result.skipped.items()
+    }
     facts = sections.table_facts(rows)
-    if isinstance(table, Comparison):
-        facts = {**machine_facts(), **sections.reference_facts(table), **facts}
+    if comparisons:
+        facts = {**machine_facts(), **sections.reference_facts(comparisons), **facts}
     lines = "\n".join(escape(line) for line in commands)
     text = page(
         title,

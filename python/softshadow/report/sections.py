@@ -36,8 +36,11 @@ _FIRST = [
 ]
 """Columns that are read most, in this order; all others follow."""
 
-_OF_THE_RUN = ("machine", "threads", "version", "time", "store_version")
+_OF_THE_RUN = ("machine", "threads", "version", "time", "reference")
 """Columns that are said once, under *Machine*."""
+
+_NOT_SHOWN = ("error", "key", "label", "image", "more_stages")
+"""Columns that are for programs."""
 
 
 def summary(rows: pd.DataFrame, skipped: Mapping[str, str]) -> str:
@@ -97,9 +100,16 @@ def cases(rows: pd.DataFrame) -> str:
     if not len(good):
         return ""
     on = fronts.front(good)
+    hidden = {*_OF_THE_RUN, *_NOT_SHOWN}
     columns = [c for c in _FIRST if c in good.columns]
-    columns += [c for c in good.columns if c not in columns and c not in (*_OF_THE_RUN, "error")]
+    for column in good.columns:
+        detail = column.endswith(("_seconds_min", "_seconds_spread"))
+        detail &= not column.startswith("frame_")
+        if column not in columns and column not in hidden and not detail:
+            columns.append(column)
     shown = good[columns].dropna(axis=1, how="all")
+    if (shown.get("parameters") == "").all():
+        shown = shown.drop(columns="parameters")
     return (
         "<p>Press a heading to sort, again to turn round. Marked rows are on the front of their "
         "setting (<code>frame_seconds</code> and <code>penumbra_mae</code>).</p>\n"
@@ -154,14 +164,16 @@ def failures(rows: pd.DataFrame, skipped: Mapping[str, str]) -> str:
     return out
 
 
-def reference_facts(comparison: Comparison) -> dict[str, str]:
-    """Return what the errors are against."""
-    height, width = comparison.reference.mask.shape
-    by = comparison.reference_method
-    return {
-        "picture": f"{width}x{height} pixels",
-        "reference": "an image that was given" if by is None else repr(by),
-    }
+def reference_facts(comparisons: Mapping[str, Comparison]) -> dict[str, str]:
+    """Return what the errors are against, and on how many pixels."""
+    facts = {}
+    for name, result in comparisons.items():
+        height, width = result.reference.mask.shape
+        by = result.reference_method
+        end = f" of {name}" if name and len(comparisons) > 1 else ""
+        facts[f"picture{end}"] = f"{width}x{height} pixels"
+        facts[f"reference{end}"] = "an image that was given" if by is None else repr(by)
+    return facts
 
 
 def table_facts(rows: pd.DataFrame) -> dict[str, str]:
