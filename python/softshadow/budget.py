@@ -176,7 +176,7 @@ def in_rounds(
     while slow and 2 * limit < budget.left / 2:
         limit, pending, slow = 2 * limit, slow, []
         for label in pending:
-            if run.estimate(label, min(limit, max(budget.left, 0.0) / 2)):
+            if limit < budget.left / 2 and run.estimate(label, limit):
                 run.first(label)
             else:
                 slow.append(label)

@@ -130,9 +130,9 @@ def settings(table: pd.DataFrame) -> dict[str, npt.NDArray[np.int64]]:
     does.
     """
     columns = [name for name in SETTING if name in table.columns]
-    texts = {name: table[name].astype(str).tolist() for name in columns}
-    # A failed case may not know its threads; what all others agree on does not divide the table.
-    shown = [name for name in columns if table[name].astype(str).nunique() > 1]
+    # What is missing (a failed case may not know its threads) tells nothing apart.
+    shown = [name for name in columns if table[name].nunique() > 1]
+    texts = {name: [str(value) for value in table[name]] for name in shown}
     found: dict[str, list[int]] = {}
     for i in range(len(table)):
         found.setdefault(", ".join(texts[name][i] for name in shown), []).append(i)

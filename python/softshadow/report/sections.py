@@ -46,7 +46,7 @@ _NOT_SHOWN = ("error", "key", "label", "image", "more_stages")
 def summary(rows: pd.DataFrame, skipped: Mapping[str, str]) -> str:
     """Return one line that counts cases, settings, failures and what was left out."""
     wrong = int(fronts.failed(rows).sum())
-    count = len(fronts.settings(rows))
+    count = len(fronts.settings(rows[~fronts.failed(rows)]))
     said = [f"{len(rows)} case{'s' * (len(rows) != 1)}"]
     said += [f"{rows['method'].nunique()} methods"]
     said += [f"{count} settings"] if count > 1 else []
@@ -108,7 +108,7 @@ def cases(rows: pd.DataFrame) -> str:
         if column not in columns and column not in hidden and not detail:
             columns.append(column)
     shown = good[columns].dropna(axis=1, how="all")
-    if (shown.get("parameters") == "").all():
+    if "parameters" in shown and (shown["parameters"].fillna("") == "").all():
         shown = shown.drop(columns="parameters")
     return (
         "<p>Press a heading to sort, again to turn round. Marked rows are on the front of their "

@@ -72,7 +72,8 @@ def one_table(comparisons: dict[str, Comparison]) -> pd.DataFrame:
 
     parts = [result.table.assign(scene=name) for name, result in comparisons.items()]
     table: pd.DataFrame = pd.concat(parts, ignore_index=True)
-    return table.loc[:, ["scene", *(c for c in table.columns if c != "scene")]]
+    ordered: pd.DataFrame = table[["scene", *(c for c in table.columns if c != "scene")]]
+    return ordered
 
 
 def pictures_of(table: pd.DataFrame) -> dict[str, Any]:
