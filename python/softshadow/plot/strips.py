@@ -54,7 +54,8 @@ def strip(
     what : {"visibility", "radiance"}
         As in `show`. The error of radiances is the mean of the channels'.
     limit : float, optional
-        The error at which the colours saturate; when not given, the 99.5th percentile of all.
+        The error at which the colours saturate. When not given: the 99.5th percentile of an image's
+        errors, of the image in the middle, so that one bad image does not hide all others' errors.
     rows, columns : slice, optional
         The part to draw; all when not given.
 
@@ -236,11 +237,11 @@ def _differences(
 
 
 def _limit(differences: dict[str, npt.NDArray[np.float64]], where: npt.NDArray[np.bool_]) -> float:
-    """Return the colours' end: single wrong pixels may saturate, what can be seen may not."""
+    """Return the colours' end: that of the image whose errors are in the middle."""
     sizes = [np.abs(d[where]) for d in differences.values()]
     if not sizes or not where.any():
         return 1.0
-    found = max(float(np.percentile(s, 99.5)) for s in sizes)
+    found = float(np.median([np.percentile(s, 99.5) for s in sizes]))
     return found or max(float(s.max()) for s in sizes) or 1.0
 
 

@@ -142,7 +142,7 @@ def _scene(name: str, images: Pictures) -> str:
     strips = figure(
         strip(images),
         "Visibility, and below it the signed error: red where too bright, blue where too dark, "
-        "grey where nothing was hit. One scale for all.",
+        "grey where nothing was hit. One scale for all; large errors saturate.",
         "png",
     )
     lines = figure(scanline(images), "Visibility along the row of pixels with the most penumbra")
