@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -236,10 +237,20 @@ def test_a_budget_leaves_out_what_is_slow_with_its_estimate(monkeypatch, scene):
     result = ss.compare(scene, BIG, LIGHT, reference=FEW, repeats=1, budget=40)
     assert result.table["method"].tolist() == ["hard", "ray_traced"]
     assert list(result.skipped) == ["wedges"]
-    assert "about 50 s, estimated on 16x16 pixels" in result.skipped["wedges"]
+    assert "up to 50 s, as 16x16 pixels took 1 s" in result.skipped["wedges"]
     whole = [name for name, pixels in clock.rendered if pixels == 128 * 96]
     assert whole == ["ray_traced", "ray_traced", "hard"]  # the reference; then the cheapest first
     assert clock.now < 40
+
+
+def test_what_may_take_less_than_its_estimate_is_tried_and_stopped(monkeypatch, scene):
+    """Half of what is left is for it: it takes as long as it says, and is stopped."""
+    clock = Clock(monkeypatch, {"ray_traced": 1.0, "hard": 1.0, "wedges": 100.0})
+    result = ss.compare(scene, BIG, LIGHT, ["hard", "wedges"], FEW, repeats=2, budget=60)
+    assert result.table["method"].tolist() == ["hard"]
+    assert result.table["repeats"].tolist() == [2]
+    assert re.search(r"stopped after 2\d s; up to 100 s", result.skipped["wedges"])
+    assert 25 < clock.now < 40
 
 
 def test_what_is_too_slow_even_to_estimate_is_stopped(monkeypatch, scene):

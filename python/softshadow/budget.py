@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -85,15 +86,48 @@ def small(camera: Camera) -> Camera:
     return Camera.from_matrix(scale @ camera.K, camera.camera_to_world, width, height)
 
 
-def _estimate(method: Method, camera: Camera, render: Render, progress: Progress) -> float:
-    """Return the seconds of preparing and rendering once, from a small picture's.
+@dataclass(frozen=True)
+class Estimate:
+    """Seconds of preparing and rendering once, from a small picture's.
 
-    Preparing is as it is; a frame grows with the pixels.
+    A frame grows at most with the pixels; of methods that draw textures it grows by less.
+
+    Attributes
+    ----------
+    least, most : float
+        Of a frame that does not grow at all, and of one that grows with the pixels.
+    size : str
+        Of the small picture.
     """
+
+    least: float
+    most: float
+    size: str
+
+    @property
+    def likely(self) -> float:
+        """What lies between, as far from both in proportion."""
+        return math.sqrt(self.least * self.most)
+
+    def __str__(self) -> str:
+        return f"up to {_plain(self.most)} s, as {self.size} took {_plain(self.least)} s"
+
+
+def _estimate(method: Method, camera: Camera, render: Render, progress: Progress) -> Estimate:
     few = small(camera)
     image = render(method, few, progress)
+    prepare, frame = image.seconds["prepare"], image.seconds["frame"]
     grown = camera.width * camera.height / (few.width * few.height)
-    return image.seconds["prepare"] + image.seconds["frame"] * grown
+    return Estimate(prepare + frame, prepare + frame * grown, _size(few))
+
+
+def _plain(seconds: float) -> str:
+    """Return two digits of small times, and large ones without an exponent."""
+    return f"{seconds:.2g}" if seconds < 99.5 else f"{seconds:.0f}"
+
+
+def _size(camera: Camera) -> str:
+    return f"{camera.width}x{camera.height} pixels"
 
 
 def affordable_reference(
@@ -103,7 +137,7 @@ def affordable_reference(
 
     The time is that of a small picture; samples are halved down to 256.
     """
-    seconds = _estimate(method, camera, render, False)
+    seconds = _estimate(method, camera, render, False).most
     while seconds > _REFERENCE_SHARE * budget.left and method.samples > _FEWEST_SAMPLES:
         method = replace(method, samples=method.samples // 2)
         seconds /= 2
@@ -169,7 +203,7 @@ def in_rounds(
     run = _Run(methods, camera, render, budget, finish, given, Outcome())
     limit = _PROBE_SHARE * budget.left / len(methods)
     slow = [label for label in methods if not run.estimate(label, limit)]
-    for label in sorted(run.estimates, key=run.estimates.__getitem__):
+    for label in sorted(run.estimates, key=lambda x: run.estimates[x].most):
         run.first(label)
     # What is stopped wastes less than what it takes in the end, as the limit doubles. Rendering
     # takes longer than the estimate did: over half of what remains would be in vain.
@@ -180,6 +214,11 @@ def in_rounds(
                 run.first(label)
             else:
                 slow.append(label)
+    # Those that might take less than they can: the other half of the time is for further rounds.
+    over = [label for label in run.estimates if label not in run.outcome.images]
+    for label in sorted(over, key=lambda x: run.estimates[x].likely):
+        if run.estimates[label].likely < budget.left / 2:
+            run.try_until(label, budget.left / 2)
     run.repeat(repeats)
     return run.outcome
 
@@ -195,47 +234,53 @@ class _Run:
     finish: Callable[[str, Image], None]
     given: bool
     outcome: Outcome
-    estimates: dict[str, float] = field(default_factory=dict)
+    estimates: dict[str, Estimate] = field(default_factory=dict)
     costs: dict[str, float] = field(default_factory=dict)
 
     def estimate(self, label: str, limit: float) -> bool:
         """Estimate a method's seconds; False if that would take longer than the limit."""
-        few = small(self.camera)
         told = self.budget.limit(limit)
         try:
-            seconds = _estimate(self.methods[label], self.camera, self.render, told)
+            found = _estimate(self.methods[label], self.camera, self.render, told)
         except OverBudgetError:
-            size = f"{few.width}x{few.height} pixels"
-            self.outcome.skipped[label] = f"over the budget: over {limit:.2g} s for {size} alone"
+            size = _size(small(self.camera))
+            self.outcome.skipped[label] = (
+                f"over the budget: over {_plain(limit)} s for {size} alone"
+            )
             return False
         except UnsupportedError as error:
             self._refuse(label, error)
             return True
         self.outcome.skipped.pop(label, None)
-        self.estimates[label] = seconds
+        self.estimates[label] = found
         return True
 
     def first(self, label: str) -> None:
-        """Render a method for the first time, if there is time for its estimate."""
+        """Render a method for the first time, if there is time for the most that it may take."""
         if label not in self.estimates:  # it cannot do the scene
             return
-        few = small(self.camera)
         left = max(self.budget.left, 0.0)
-        about = f"about {self.estimates[label]:.2g} s"
-        about += f", estimated on {few.width}x{few.height} pixels"
-        if self.estimates[label] > left:
-            self.outcome.skipped[label] = f"over the budget: {about}; {left:.2g} s were left"
-            return
+        if self.estimates[label].most <= left:
+            self.try_until(label, left)
+        else:
+            reason = f"over the budget: {self.estimates[label]}; {_plain(left)} s were left"
+            self.outcome.skipped[label] = reason
+
+    def try_until(self, label: str, limit: float) -> None:
+        """Render a method for the first time, and stop it after so many seconds."""
         start = time.perf_counter()
         try:
-            image = self.render(self.methods[label], self.camera, self.budget.limit(left))
+            image = self.render(self.methods[label], self.camera, self.budget.limit(limit))
         except OverBudgetError:
-            self.outcome.skipped[label] = f"over the budget: stopped after {left:.2g} s; {about}"
+            reason = f"over the budget: stopped after {_plain(limit)} s; {self.estimates[label]}"
+            self.outcome.skipped[label] = reason
             return
         except UnsupportedError as error:
+            del self.estimates[label]
             self._refuse(label, error)
             return
         self.costs[label] = time.perf_counter() - start
+        self.outcome.skipped.pop(label, None)
         self.outcome.images[label] = image
         self.outcome.seconds[label] = [image.seconds]
         self.finish(label, image)

@@ -105,10 +105,10 @@ def compare(
         fraction.
     budget : float, optional
         Seconds that all of it may take, however many methods there are. Each is first timed on a
-        picture of an eighth of the size. The cheapest are rendered first, and those that do not fit
-        are left out, with their estimate in `Comparison.skipped`; what takes much longer than its
-        estimate is stopped. Rounds after the first take what time remains. The default reference
-        gets fewer samples, 256 at least, where it would take over a third. When not given: all
+        picture of an eighth of the size. The cheapest are rendered first; those that do not fit are
+        left out or stopped, with what was measured of them in `Comparison.skipped`. Rounds after
+        the first take what time remains. The default reference is not stopped, but gets fewer
+        samples, 256 at least, where it would take over a third. When not given: all
         methods, however long they take.
 
     Returns
