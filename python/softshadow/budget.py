@@ -64,17 +64,40 @@ class Budget:
         """Seconds until the budget is used; negative after that."""
         return self._start + self._seconds - time.perf_counter()
 
-    def limit(self, seconds: float) -> Progress:
+    def limit(self, seconds: float) -> Limit:
         """Return a progress argument that raises `OverBudgetError` after so many seconds."""
-        end = time.perf_counter() + seconds
+        return Limit(self, time.perf_counter() + seconds)
 
-        def report(_: float) -> None:
-            if callable(self._tell):
-                self._tell(min(1.0 - self.left / self._seconds, 1.0))
-            if time.perf_counter() > end:
-                raise OverBudgetError
+    def tell(self) -> None:
+        """Tell the used fraction."""
+        if callable(self._tell):
+            self._tell(min(1.0 - self.left / self._seconds, 1.0))
 
-        return report
+
+class Limit:
+    """The progress argument of preparing and then rendering, which ends both after a time.
+
+    Attributes
+    ----------
+    reached : float
+        Which part of both was done, each a half.
+    """
+
+    def __init__(self, budget: Budget, end: float) -> None:
+        self._budget = budget
+        self._end = end
+        self._half = 0.0
+        self._last = 0.0
+        self.reached = 0.0
+
+    def __call__(self, fraction: float) -> None:
+        if fraction < self._last:  # the render begins
+            self._half = 0.5
+        self._last = fraction
+        self.reached = max(self.reached, self._half + fraction / 2)
+        self._budget.tell()
+        if time.perf_counter() > self._end:
+            raise OverBudgetError
 
 
 def small(camera: Camera) -> Camera:
@@ -208,9 +231,10 @@ def in_rounds(
     # What is stopped wastes less than what it takes in the end, as the limit doubles. Rendering
     # takes longer than the estimate did: over half of what remains would be in vain.
     while slow and 2 * limit < budget.left / 2:
-        limit, pending, slow = 2 * limit, slow, []
+        limit, pending, slow = 2 * limit, sorted(slow, key=lambda x: run.expected[x]), []
         for label in pending:
-            if limit < budget.left / 2 and run.estimate(label, limit):
+            soon = run.expected[label] < 2 * limit and limit < budget.left / 2
+            if soon and run.estimate(label, limit):
                 run.first(label)
             else:
                 slow.append(label)
@@ -235,6 +259,7 @@ class _Run:
     given: bool
     outcome: Outcome
     estimates: dict[str, Estimate] = field(default_factory=dict)
+    expected: dict[str, float] = field(default_factory=dict)  # of estimates that were stopped
     costs: dict[str, float] = field(default_factory=dict)
 
     def estimate(self, label: str, limit: float) -> bool:
@@ -244,9 +269,9 @@ class _Run:
             found = _estimate(self.methods[label], self.camera, self.render, told)
         except OverBudgetError:
             size = _size(small(self.camera))
-            self.outcome.skipped[label] = (
-                f"over the budget: over {_plain(limit)} s for {size} alone"
-            )
+            reason = f"over the budget: over {_plain(limit)} s for {size} alone"
+            self.outcome.skipped[label] = reason
+            self.expected[label] = limit / max(told.reached, 0.01)
             return False
         except UnsupportedError as error:
             self._refuse(label, error)
