@@ -90,8 +90,8 @@ def strip(
         raise ValueError(f"limit: expected a positive number, got {limit}")
     exposure = _exposure(pixels)
 
-    across = min(len(pixels), _WIDEST)
-    folds = -(-len(pixels) // across)
+    folds = -(-len(pixels) // _WIDEST)
+    across = -(-len(pixels) // folds)  # folds of about the same length
     layers = 2 if differences else 1
     shape = where.shape
     aspect = min(max(shape[0] / shape[1], 0.25), 4.0)
