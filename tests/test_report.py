@@ -8,13 +8,17 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import softshadow as ss
 from softshadow import cli
+from softshadow.report.tables import read_table
+from softshadow.scenes import stanford_bunny_path
 
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
@@ -243,8 +247,22 @@ def test_the_command_reads_a_folder_of_parquet_parts(result, tmp_path, capsys):
     for i in range(len(result.table)):
         result.table.iloc[[i]].to_parquet(store / f"part-{i}.parquet")
     (store / "_softshadow.json").write_text("{}")
+    assert read_table(store)["method"].tolist() == sorted(result.table["method"])
     assert cli.main(["report", str(store), "-o", str(tmp_path / "a.html")]) == 0
     assert capsys.readouterr().out.endswith("4 cases\n")
+
+
+@pytest.mark.skipif(stanford_bunny_path() is None, reason="the bunny's package is not installed")
+def test_the_demo_ends_with_a_page(tmp_path):
+    demo = Path(__file__).parents[1] / "examples" / "demo.py"
+    command = [sys.executable, str(demo), str(tmp_path), "--size", "32", "--budget", "3"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert f"the page: {tmp_path / 'report.html'}" in done.stdout
+    text = (tmp_path / "report.html").read_text()
+    assert "make demo" in text
+    assert (tmp_path / "hard_visibility.png").is_file()
+    assert "on the front" in (tmp_path / "table.txt").read_text()
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,10 @@ def read_table(path: Path) -> pd.DataFrame:
         raise
     except Exception as error:  # pyarrow's own, of a file that is none
         raise ValueError(f"{path}: cannot be read as Parquet ({error})") from error
+    # Parts come in the order of their files' names, which says nothing.
+    order = [c for c in ("scene", "light", "camera", "method", "parameters") if c in table.columns]
+    if order:
+        table = table.sort_values(order, kind="stable", ignore_index=True)
     # Images are named as seen from where the sweep ran; beside the store is the next best place.
     if "image" in table.columns:
         table["image"] = [_found(name, path.parent) for name in table["image"]]
