@@ -124,7 +124,7 @@ def test_compare_prints_the_table_and_writes_pictures_and_a_page(box, tmp_path, 
 
 
 def test_compare_lists_what_the_budget_leaves_out(box, tmp_path, capsys):
-    command = ["compare", box, "--size", "256x256", "--repeats", "1", "--budget", "3"]
+    command = ["compare", box, "--size", "128x128", "--repeats", "1", "--budget", "10"]
     command += ["--method", "hard", "--method", "convolution", "-o", str(tmp_path)]
     start = time.perf_counter()
     assert cli.main(command) == 0
