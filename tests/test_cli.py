@@ -123,7 +123,7 @@ def test_compare_prints_the_table_and_writes_pictures_and_a_page(box, tmp_path, 
     assert f"softshadow compare {box} --size 48x32" in (folder / "report.html").read_text()
 
 
-def test_compare_lists_what_the_budget_leaves_out(box, tmp_path, capsys):
+def test_compare_ends_soon_after_its_budget(box, tmp_path, capsys):
     command = ["compare", box, "--size", "128x128", "--repeats", "1", "--budget", "10"]
     command += ["--method", "hard", "--method", "convolution", "-o", str(tmp_path)]
     start = time.perf_counter()
