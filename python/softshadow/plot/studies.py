@@ -107,13 +107,15 @@ def pareto(
             _points(panel, method, _strangers(names), times, errors, mine, on)
             if method.startswith(MITSUBA):
                 _sample_counts(panel, labels, times, errors, mine)
-        best = [i for i in chosen[on[chosen]] if not names[i].startswith(MITSUBA)]
         panel.margins(0.12)
-        _name(panel, [labels[i] for i in best], times[best], errors[best])
         panel.set_xlabel(_NAMES.get(x, x))
         panel.set_ylabel(_title_of_error(y))
         panel.set_title(title, fontsize="medium")
     _legend(figure, axes)
+    figure.draw_without_rendering()  # so that axes are where they will be, and names stay inside
+    for panel, chosen in zip(axes, panels.values(), strict=True):
+        best = [i for i in chosen[on[chosen]] if not names[i].startswith(MITSUBA)]
+        _name(panel, [labels[i] for i in best], times[best], errors[best])
     return figure
 
 
