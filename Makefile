@@ -23,9 +23,11 @@ $(STAMP): $(VENV)/.tools $(SOURCES)
 	VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --release --quiet --extras $(EXTRAS)
 	touch $@
 
-## Renders the Stanford bunny's soft shadows with every method into demo/.
+## Renders the Stanford bunny's soft shadows into demo/, with a page about the methods, demo/report.html. Slow methods
+## are left out after BUDGET seconds, and listed with what they would take; BUDGET=0 renders with all.
+BUDGET ?= 40
 demo: $(STAMP)
-	$(BIN)/python examples/demo.py demo
+	$(BIN)/python examples/demo.py demo --budget $(BUDGET)
 
 ## Runs every test, Rust and Python, but long studies.
 test: test-rust test-python

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -100,6 +101,59 @@ def test_a_camera_straight_above_works(box, tmp_path):
     arguments = ["--eye", "0,0,6", "--target", "0,0,0", *SMALL, "-o", str(out)]
     assert cli.main(["render", box, *arguments]) == 0
     assert np.load(out).min() < 1
+
+
+COMPARE = ["--size", "48x32", "--repeats", "1", "--method", "hard", "--method", "ray_traced"]
+
+
+def test_compare_prints_the_table_and_writes_pictures_and_a_page(box, tmp_path, capsys):
+    folder = tmp_path / "new" / "folder"
+    assert cli.main(["compare", box, *COMPARE, "-o", str(folder)]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith(f"{box}: Scene(box, ground")
+    assert said[1].split()[:3] == ["method", "prepare", "s"]
+    rows = {line.split()[-11]: line for line in said[2:4]}
+    assert set(rows) == {"hard", "ray_traced"}
+    assert rows["ray_traced"].startswith("*")
+    names = {"box.png", "box_strip.png", "box_front.png", "box_profile.png", "box.csv"}
+    assert {path.name for path in folder.iterdir()} == names | {"report.html"}
+    assert {Path(line).name for line in said if line.startswith(str(folder))} == names | {
+        "report.html"
+    }
+    assert f"softshadow compare {box} --size 48x32" in (folder / "report.html").read_text()
+
+
+def test_compare_ends_soon_after_its_budget(box, tmp_path, capsys):
+    command = ["compare", box, "--size", "128x128", "--repeats", "1", "--budget", "10"]
+    command += ["--method", "hard", "--method", "convolution", "-o", str(tmp_path)]
+    start = time.perf_counter()
+    assert cli.main(command) == 0
+    assert time.perf_counter() - start < 60
+    assert "hard" in capsys.readouterr().out
+
+
+def test_compare_takes_several_models_and_numbers_the_same_names(box, tmp_path, capsys):
+    other = tmp_path / "other"
+    other.mkdir()
+    twin = shutil.copy(box, other)
+    command = ["compare", box, twin, *COMPARE, "--budget", "0", "-o", str(tmp_path / "out")]
+    assert cli.main(command) == 0
+    assert (tmp_path / "out" / "box_2_strip.png").is_file()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "4 cases, 2 methods, 2 settings" in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--budget", "-1"], "--budget"),
+        (["--method", "magic"], "unknown name 'magic'"),
+        (["--repeats", "0"], "repeats"),
+        (["--light", "cube:1"], "expected one of rect:"),
+    ],
+)
+def test_a_bad_comparison_is_an_error(fails, box, tmp_path, arguments, message):
+    assert message in fails("compare", box, *arguments, "-o", tmp_path / "out")
 
 
 def test_methods_lists_every_method_and_what_it_can(capsys):

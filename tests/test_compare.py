@@ -5,11 +5,14 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import math
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import softshadow as ss
 import trimesh
+from softshadow import budget
 from softshadow.compare import DEFAULT_REFERENCE
 
 LIGHT = ss.RectLight(center=(0.5, 0, 3), edge_u=(0, 1, 0), edge_v=(1, 0, 0))
@@ -181,3 +184,126 @@ def test_a_camera_that_sees_nothing_is_an_error(scene):
     away = ss.Camera(eye=(0, 0, 9), target=(0, 0.1, 10), width=8, height=8)
     with pytest.raises(ValueError, match="sees no surface"):
         ss.compare(scene, away, LIGHT, ["hard"], reference=FEW)
+
+
+def test_a_budget_with_time_for_all_is_the_same_but_for_the_times(result, scene, camera):
+    methods = ["hard", ss.RayTraced(samples=8, seed=3), "ray_traced"]
+    within = ss.compare(scene, camera, LIGHT, methods, reference=FEW, repeats=2, budget=300)
+    assert within.skipped == {}
+    assert list(within.images) == list(result.images)
+    same = [c for c in result.table if not c.endswith("_seconds")]
+    assert within.table[same].equals(result.table[same])
+    assert within.table["repeats"].tolist() == [2, 2, 2]
+    assert within.reference_method == result.reference_method == FEW
+
+
+BIG = ss.Camera(eye=(0, -5, 4), target=(0, 0, 0.3), width=128, height=96)
+
+
+class Clock:
+    """Time that passes only where a method renders: seconds by the method's name."""
+
+    def __init__(self, monkeypatch, seconds):
+        self.now = 0.0
+        self.rendered = []
+        real = MODULE.prepare
+
+        def slow(scene, light, method, progress=False):
+            prepared = real(scene, light, method)
+            clock = self
+
+            class Slow:
+                def render(self, camera, progress):
+                    image = prepared.render(camera)
+                    pixels = camera.width * camera.height
+                    frame = seconds[method.name] * pixels / (BIG.width * BIG.height)
+                    for part in range(1, 1001):
+                        clock.now += frame / 1000
+                        if progress:
+                            progress(part / 1000)
+                    clock.rendered.append((method.name, pixels))
+                    return dataclasses.replace(image, seconds={"prepare": 0.0, "frame": frame})
+
+            return Slow()
+
+        monkeypatch.setattr(MODULE, "prepare", slow)
+        for module in (MODULE, budget):
+            monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: self.now))
+
+
+def test_a_budget_leaves_out_what_is_slow_with_its_estimate(monkeypatch, scene):
+    clock = Clock(monkeypatch, {"ray_traced": 1.0, "hard": 2.0, "wedges": 50.0})
+    monkeypatch.setattr(MODULE, "method_names", lambda: ("wedges", "hard", "ray_traced"))
+    result = ss.compare(scene, BIG, LIGHT, reference=FEW, repeats=1, budget=40)
+    assert result.table["method"].tolist() == ["hard", "ray_traced"]
+    assert list(result.skipped) == ["wedges"]
+    assert "up to 50 s, as 16x16 pixels took 1 s" in result.skipped["wedges"]
+    whole = [name for name, pixels in clock.rendered if pixels == 128 * 96]
+    assert whole == ["ray_traced", "ray_traced", "hard"]  # the reference; then the cheapest first
+    assert clock.now < 40
+
+
+def test_what_may_take_less_than_its_estimate_is_tried_and_stopped(monkeypatch, scene):
+    """Half of what is left is for it: it takes as long as it says, and is stopped."""
+    clock = Clock(monkeypatch, {"ray_traced": 1.0, "hard": 1.0, "wedges": 100.0})
+    result = ss.compare(scene, BIG, LIGHT, ["hard", "wedges"], FEW, repeats=2, budget=60)
+    assert result.table["method"].tolist() == ["hard"]
+    assert result.table["repeats"].tolist() == [2]
+    assert re.search(r"stopped after 2\d s; up to 100 s", result.skipped["wedges"])
+    assert 25 < clock.now < 40
+
+
+def test_what_is_too_slow_even_to_estimate_is_stopped(monkeypatch, scene):
+    clock = Clock(monkeypatch, {"ray_traced": 0.1, "hard": 0.1, "wedges": 4000.0})
+    result = ss.compare(scene, BIG, LIGHT, ["hard", "wedges"], FEW, repeats=3, budget=20)
+    assert result.table["method"].tolist() == ["hard"]
+    assert result.table["repeats"].tolist() == [3]
+    assert "s for 16x16 pixels alone" in result.skipped["wedges"]
+    assert ("wedges", 256) not in clock.rendered
+
+
+def test_rounds_after_the_first_take_what_time_remains(monkeypatch, scene):
+    clock = Clock(monkeypatch, {"ray_traced": 1.0, "hard": 8.0})
+    methods = ["hard", ss.RayTraced(samples=4)]
+    result = ss.compare(scene, BIG, LIGHT, methods, FEW, repeats=5, budget=25)
+    assert result.table["repeats"].tolist() == [1, 5]
+    assert clock.now < 25
+
+
+def test_the_default_reference_gets_fewer_samples_where_it_would_take_long(monkeypatch, scene):
+    Clock(monkeypatch, {"ray_traced": 8.0, "hard": 0.1})
+    few = ss.compare(scene, BIG, LIGHT, ["hard"], repeats=1, budget=20).reference_method
+    assert few == dataclasses.replace(DEFAULT_REFERENCE, samples=512)
+    many = ss.compare(scene, BIG, LIGHT, ["hard"], repeats=1, budget=90).reference_method
+    assert many == DEFAULT_REFERENCE
+
+
+def test_a_budget_skips_what_cannot_do_the_scene_unless_asked_for(scene, camera):
+    scene = scene.copy()
+    scene.set_look("box", opacity=0.5)
+    result = ss.compare(scene, camera, LIGHT, reference=FEW, repeats=1, budget=100)
+    assert {*result.table["method"], *result.skipped} == set(ss.method_names())
+    assert "budget" not in result.skipped["wedges"]
+    with pytest.raises(ss.UnsupportedError, match="wedges"):
+        ss.compare(scene, camera, LIGHT, ["wedges"], reference=FEW, repeats=1, budget=100)
+
+
+def test_a_budget_s_progress_ends_at_one_and_never_goes_back(scene, camera):
+    seen: list[float] = []
+    ss.compare(scene, camera, LIGHT, ["hard"], FEW, repeats=2, progress=seen.append, budget=60)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+def test_the_small_picture_has_the_same_view():
+    camera = ss.Camera(eye=(0, -5, 4), target=(0, 0, 0.3), width=512, height=384)
+    few = budget.small(camera)
+    assert (few.width, few.height) == (64, 48)
+    assert np.allclose(few.K[:2] * 8, camera.K[:2])
+    assert np.array_equal(few.camera_to_world, camera.camera_to_world)
+
+
+@pytest.mark.parametrize("seconds", [0, -1, math.nan, 1e-9])
+def test_a_budget_for_nothing_is_an_error(scene, camera, seconds):
+    with pytest.raises(ValueError, match="budget"):
+        ss.compare(scene, camera, LIGHT, ["hard"], reference=FEW, budget=seconds)

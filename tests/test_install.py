@@ -143,6 +143,8 @@ def test_the_core_works_with_its_own_dependencies_alone(tmp_path):
 CORNERS = "{'board': [(0, 0), (0.5, 0), (0.5, 1), (0, 1)]}"
 USES = [
     ("plot", "ss.plot.show(image)"),
+    ("plot", "ss.plot.strip({'a': image})"),
+    ("plot", "ss.report({}, 'a.html')"),
     ("metrics", "ss.compare(scene, camera, light, ['hard'])"),
     ("metrics", "ss.metrics.errors(image.visibility, image.visibility)"),
     ("metrics", "ss.metrics.ssim(image.visibility, image.visibility)"),

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import fresh
 import numpy as np
+import pandas as pd
 import pytest
+import softshadow as ss
 from matplotlib.figure import Figure
 from softshadow import images, plot
+from softshadow.plot import styles
 from softshadow.render import Image
 
 
@@ -146,5 +149,167 @@ def test_drawing_neither_imports_pyplot_nor_chooses_a_backend():
     ],
 )
 def test_what_cannot_be_drawn_is_an_error_that_says_why(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def measured(**columns):
+    """A table of measured cases: three methods, one at three settings, and Mitsuba."""
+    rows = [
+        ("hard", "", 0.01, 0.3),
+        ("wedges", "", 0.02, 0.02),
+        ("pcf", "", 0.05, 0.06),
+        ("ray_traced", "samples=16", 0.1, 0.03),
+        ("ray_traced", "samples=64", 0.2, 0.01),
+        ("mitsuba_llvm", "samples=16", 0.3, 0.03),
+        ("mitsuba_llvm", "samples=64", 0.9, 0.015),
+    ]
+    names = ["method", "parameters", "frame_seconds", "penumbra_mae"]
+    return pd.DataFrame(rows, columns=names).assign(**columns)
+
+
+def texts(figure, panel=0):
+    return [text.get_text() for text in figure.axes[panel].texts]
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[-1].get_texts()]
+
+
+def test_pareto_names_the_front_and_counts_mitsuba_s_samples():
+    figure = plot.pareto(measured())
+    axes = figure.axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    assert sorted(texts(figure)) == ["16", "64", "hard", "ray_traced(samples=64)", "wedges"]
+    assert legend(figure) == ["hard", "wedges", "pcf", "ray_traced", "mitsuba_llvm"]
+    curves = [line for line in axes.lines if line.get_linestyle() == "--"]
+    assert len(curves) == 1
+    assert curves[0].get_xydata().tolist() == [[0.3, 0.03], [0.9, 0.015]]
+    assert curves[0].get_color() == "#000000"
+
+
+def test_pareto_leaves_out_failures_and_what_is_no_number():
+    table = measured(error=["no memory", *[None] * 6])
+    table.loc[1, "penumbra_mae"] = np.nan
+    table.loc[2, "penumbra_mae"] = 0.0  # has no place on a logarithmic axis
+    figure = plot.pareto(table)
+    assert legend(figure) == ["ray_traced", "mitsuba_llvm"]
+
+
+def test_pareto_has_a_panel_for_each_setting():
+    table = pd.concat([measured(scene="a", threads=2), measured(scene="b", threads=2)])
+    figure = plot.pareto(table.reset_index(drop=True))
+    assert [axes.get_title() for axes in figure.axes] == ["a", "b"]
+    with pytest.raises(ValueError, match="2 settings"):
+        plot.pareto(table, ax=Figure().subplots())
+
+
+def test_every_method_has_a_colour_and_mark_of_its_own():
+    names = [*ss.method_names(), "mitsuba_llvm", "mitsuba_scalar"]
+    found = {styles.style(name, names[-2:]) for name in names}
+    assert len(found) == len(names)
+
+
+def test_versus_draws_a_line_of_medians_for_each_method():
+    table = pd.DataFrame(
+        {
+            "method": ["pcf"] * 4 + ["hard"],
+            "light radius": [2, 1, 2, 2, 1],
+            "penumbra_mae": [0.3, 0.1, 0.5, 0.4, 0.2],
+        }
+    )
+    axes = plot.versus(table, "light radius").axes[0]
+    lines = {line.get_label(): line.get_xydata().tolist() for line in axes.lines}
+    assert lines["pcf"] == [[1, 0.1], [2, 0.4]]
+    assert lines["hard"] == [[1, 0.2]]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "linear")
+
+
+def test_versus_takes_texts_in_the_table_s_order_and_wide_ranges_as_logarithms():
+    table = measured(shape=["rect", "rect", "disk", "disk", "sphere", "sphere", "rect"])
+    axes = plot.versus(table, "shape", "frame_seconds").axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["rect", "disk", "sphere"]
+    assert axes.get_yscale() == "log"
+
+
+def test_strip_has_the_reference_first_and_one_scale_for_all_errors():
+    images = {"a": [[0.5, 1.0]], "reference": [[1.0, 0.75]], "b": [[1.0, 0.5]]}
+    figure = plot.strip(images)
+    assert [axes.get_title() for axes in figure.axes[:3]] == ["reference", "a", "b"]
+    assert drawn(figure, 4).tolist() == [[-0.5, 0.25]]
+    assert drawn(figure, 5).tolist() == [[0.0, -0.25]]
+    limits = {figure.axes[i].images[0].get_clim() for i in (4, 5)}
+    assert len(limits) == 1
+    assert 0.25 < limits.pop()[1] <= 0.5
+    assert "MAE 0.38" in figure.axes[4].get_xlabel()
+
+
+def test_strip_of_many_is_folded_and_of_none_has_no_errors():
+    many = {str(i): np.full((2, 2), 0.5) for i in range(7)}
+    assert sum(len(axes.images) for axes in plot.strip(many).axes) == 7
+    with_errors = plot.strip({**many, "reference": np.ones((2, 2))})
+    assert sum(len(axes.images) for axes in with_errors.axes[:20]) == 15
+
+
+def test_strip_draws_the_part_that_is_asked_for():
+    image = np.arange(12).reshape(3, 4) / 12
+    figure = plot.strip({"a": image}, rows=slice(1, 3), columns=slice(0, 2))
+    assert np.array_equal(drawn(figure), image[1:3, 0:2])
+
+
+def test_scanline_draws_one_row_and_leaves_gaps():
+    image = picture([[0.0, 0.0], [0.25, 0.5]], mask=[[True, True], [True, False]])
+    figure = plot.scanline({"wedges": image, "reference": np.ones((2, 2))}, -1)
+    reference, wedges = figure.axes[0].lines
+    assert reference.get_color() == "black"
+    assert wedges.get_ydata()[0] == 0.25
+    assert np.isnan(wedges.get_ydata()[1])
+    assert "row 1" in figure.axes[0].get_xlabel()
+
+
+def test_scanline_finds_the_row_with_the_most_penumbra():
+    image = np.array([[0, 1, 0.5], [0.3, 0.4, 0.5], [1, 1, 1]])
+    assert "row 1" in plot.scanline({"reference": image}).axes[0].get_xlabel()
+
+
+def test_light_map_draws_an_occlusion_camera():
+    setup = ss.scenes.stacked_boards(16, 16)
+    maps = ss.kernels.ssoc_maps(setup.scene, setup.light, ss.Ssoc(resolution=64))
+    figure = plot.light_map(maps[0])
+    panels = {axes.get_title(): axes for axes in figure.axes if axes.images}
+    assert len(panels) >= 7
+    near = maps[0].inside[..., 5] > 0
+    away = panels["inside: texels to silhouette"].images[0].get_array()
+    assert np.array_equal(~np.ma.getmaskarray(away), near)
+    assert 0 < away.max() < 64
+
+
+def test_light_map_draws_layers_and_what_they_let_through():
+    setup = ss.scenes.stacked_boards(16, 16)
+    maps = ss.kernels.layered_maps(setup.scene, setup.light, ss.Mtsm(resolution=32))
+    figure = plot.light_map(maps[0], layers=1)
+    titles = [axes.get_title() for axes in figure.axes if axes.images]
+    assert titles[:2] == ["layers", "depth of layer 1"]
+    depths = drawn(figure, 1)
+    assert np.ma.max(depths) == maps[0].depths[..., 0][np.isfinite(maps[0].depths[..., 0])].max()
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: plot.pareto(measured(), y="p99"), ValueError, "no column 'p99'"),
+        (lambda: plot.pareto([1]), TypeError, "got list"),
+        (lambda: plot.pareto(measured(error="lost")), ValueError, "no row with a positive"),
+        (lambda: plot.versus(measured(), "radius"), ValueError, "no column 'radius'"),
+        (lambda: plot.strip({}), ValueError, "at least one"),
+        (lambda: plot.strip([[1.0]]), TypeError, "mapping"),
+        (lambda: plot.strip({"a": [[1.0]], "b": [[1.0, 1.0]]}), ValueError, "one size"),
+        (lambda: plot.strip({"a": [[1.0]]}, limit=0), ValueError, "limit"),
+        (lambda: plot.strip({"a": [[1.0]]}, rows=slice(1, 1)), ValueError, "no pixel"),
+        (lambda: plot.scanline({"a": [[1.0]]}, 1), ValueError, "row"),
+        (lambda: plot.light_map(np.ones((2, 2))), TypeError, "got ndarray"),
+    ],
+)
+def test_what_a_figure_cannot_be_made_of_is_an_error_that_says_why(call, error, message):
     with pytest.raises(error, match=message):
         call()

@@ -36,7 +36,7 @@ def shell(folder):
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     lines = [line for block in _blocks("sh") for line in block.splitlines()]
     lines = [line for line in lines if not line.startswith("make ")]
-    assert len(lines) == 3
+    assert len(lines) == 4
     out = []
     for line in lines:
         done = subprocess.run(
@@ -57,7 +57,9 @@ def _has_light_and_shadow(visibility):
 def test_the_command_line(shell, folder):
     picture = imageio.imread(folder / "bunny.png") / 255
     _has_light_and_shadow(picture)
-    assert all(name in shell[-1] for name in ss.method_names())
+    assert all(name in shell[2] for name in ss.method_names())
+    assert "* on the front" in shell[3]
+    assert (folder / "comparison" / "report.html").is_file()
 
 
 def test_the_python(shell, folder, monkeypatch, capsys):

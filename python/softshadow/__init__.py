@@ -30,6 +30,7 @@ from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
+from softshadow.fronts import front
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
     Accumulation,
@@ -51,6 +52,7 @@ from softshadow.methods import (
 )
 from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
+from softshadow.report import report
 from softshadow.scene import Scene
 
 for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
@@ -99,6 +101,7 @@ __all__ = [
     "bake",
     "bake_layout",
     "compare",
+    "front",
     "kernels",
     "method_names",
     "metrics",
@@ -106,6 +109,7 @@ __all__ = [
     "plot",
     "prepare",
     "render",
+    "report",
     "scenes",
     "set_threads",
     "thread_count",

@@ -1,4 +1,4 @@
-"""The command ``softshadow``: render a model file's shadow, list the methods.
+"""The command ``softshadow``: render a model file's shadow, compare methods, write reports.
 
 Every mistake of the user's is one line on stderr, ``error: ...``, and exit code 2; Ctrl-C is exit
 code 130.
@@ -6,6 +6,7 @@ code 130.
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -191,6 +192,89 @@ def render(
 
 
 @app.command()
+def compare(
+    models: Annotated[list[Path], typer.Argument(help="Mesh files, as of 'softshadow render'.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="A folder; made where there is none.")
+    ] = Path("comparison"),
+    budget: Annotated[
+        float,
+        typer.Option(help="Seconds for all renders; what does not fit is left out. 0: no limit."),
+    ] = 40.0,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(help="One to compare; may be repeated. Not given: all.", metavar="NAME"),
+    ] = None,
+    repeats: Annotated[int, typer.Option(help="Times are medians of so many, at most.")] = 3,
+    light: Annotated[
+        str | None, typer.Option(help="As of 'softshadow render'.", metavar="SPEC")
+    ] = None,
+    size: Annotated[str, typer.Option(help="Pixels.", metavar="WxH")] = "512x512",
+    eye: Annotated[str | None, typer.Option(help="Camera.", metavar="X,Y,Z")] = None,
+    target: Annotated[str | None, typer.Option(help="Where it looks.", metavar="X,Y,Z")] = None,
+    fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 45.0,
+    ground: Annotated[bool, typer.Option(help="A ground plane below the model.")] = True,
+) -> None:
+    """Measure methods on a model: how fast, how wrong; write pictures and a page.
+
+    Slow methods are estimated on a small picture and left out where the budget has no time.
+    """
+    from softshadow.compare import compare as compare_methods
+    from softshadow.comparing import distinct_names, table_text, write_pictures
+    from softshadow.report import report as write_report
+
+    if not checks.number(budget, "--budget", "seconds, or 0") >= 0:
+        raise ValueError(f"--budget: expected seconds, or 0, got {budget}")
+    w, h = _size(size)
+    parsed = None if light is None else parse_light(light)
+    chosen = None if method is None else [resolve(name) for name in method]
+    output.mkdir(parents=True, exist_ok=True)
+    found = {}
+    for model, name in distinct_names(models).items():
+        scene = Scene.load(model)
+        camera = _camera(scene, eye, target, fov, w, h)
+        lit_by = light_for(scene) if parsed is None else parsed
+        if ground:
+            add_ground(scene, "ground" if "ground" not in scene.names else "ground_plane")
+        share = budget / len(models) if budget else None
+        result = compare_methods(
+            scene, camera, lit_by, chosen, repeats=repeats, progress=True, budget=share
+        )
+        found[name] = result
+        typer.echo(f"{model}: {scene}, {w}x{h}\n{table_text(result)}\n")
+        for path in write_pictures(result, output, name):
+            typer.echo(path)
+    page = write_report(found, output / "report.html", commands=[shlex.join(_command())])
+    typer.echo(page)
+
+
+@app.command()
+def report(
+    results: Annotated[
+        Path, typer.Argument(help="A sweep's folder, or a .parquet or .csv file.", metavar="TABLE")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="A .html file.")],
+    title: Annotated[str, typer.Option(help="Of the page.")] = "Speed against error",
+) -> None:
+    """Write a page about a table of measured cases: the front, tables that sort, pictures."""
+    from softshadow.report import report as write_report
+    from softshadow.report.tables import read_table
+
+    table = read_table(results)
+    page = write_report(table, output, title=title, commands=[shlex.join(_command())])
+    typer.echo(f"{page}: {len(table)} cases")
+
+
+def _command() -> list[str]:
+    """Return the command line that runs, as one would type it."""
+    return ["softshadow", *_given]
+
+
+_given: list[str] = []
+"""The arguments of `main`."""
+
+
+@app.command()
 def methods() -> None:
     """List the methods, what each can do, and its parameters."""
     head = ("method", "transparent", "points", "parameters")
@@ -216,7 +300,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : sequence of str, optional
         Without the program's name; ``sys.argv[1:]`` when not given.
     """
-    given = None if arguments is None else list(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    _given[:] = given
     try:
         code = app(given, prog_name="softshadow", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from statistics import median
@@ -12,6 +14,7 @@ import numpy as np
 from softshadow import checks, metrics
 from softshadow._core import UnsupportedError
 from softshadow.arguments import Bar, Progress
+from softshadow.budget import Budget, affordable_reference, in_rounds
 from softshadow.camera import Camera
 from softshadow.extras import needs
 from softshadow.light import LightLike
@@ -23,7 +26,7 @@ from softshadow.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["DEFAULT_REFERENCE", "Comparison", "compare"]
+__all__ = ["DEFAULT_REFERENCE", "Comparison", "compare", "label_of", "parameters_text"]
 
 DEFAULT_REFERENCE = RayTraced(samples=1024, seed=0x5EED)
 """What `compare` measures against.
@@ -44,20 +47,24 @@ class Comparison:
         One row for each method, in the order given: ``method``, ``parameters`` (what differs from
         the class's defaults, such as ``"samples=64, seed=1"``; empty when nothing does),
         ``prepare_seconds``, ``frame_seconds`` (medians over the repeats), ``bytes``, ``threads``
-        (how many a call had), and the error numbers of `softshadow.metrics.errors`.
+        (how many a call had), the error numbers of `softshadow.metrics.errors`, and ``repeats``,
+        of which the times are medians.
     images : dict of str to Image
         By label: the method's name, with the parameters in parentheses if there are any.
     reference : Image
         What the errors are against.
     skipped : dict of str to str
-        The methods that cannot do the scene and were left out, and why; only when `compare` chose
-        the methods itself.
+        The methods that were left out, and why: those that cannot do the scene, when `compare`
+        chose the methods itself, and those that the budget had no time for, with their estimate.
+    reference_method : Method, optional
+        What rendered the reference; None where it was given as an image.
     """
 
     table: pd.DataFrame
     images: dict[str, Image]
     reference: Image
     skipped: dict[str, str] = field(default_factory=dict)
+    reference_method: Method | None = None
 
 
 def compare(
@@ -68,6 +75,7 @@ def compare(
     reference: MethodLike | Image | None = None,
     repeats: int = 3,
     progress: Progress = False,
+    budget: float | None = None,
 ) -> Comparison:
     """Render a scene with several methods and measure their time, memory and error.
 
@@ -95,6 +103,13 @@ def compare(
     progress : bool or callable
         ``True`` for a progress bar over all renders, or a function that is told the finished
         fraction.
+    budget : float, optional
+        Seconds that all of it may take, however many methods there are. Each is first timed on a
+        picture of an eighth of the size. The cheapest are rendered first; those that do not fit are
+        left out or stopped, with what was measured of them in `Comparison.skipped`. Rounds after
+        the first take what time remains. The default reference is not stopped, but gets fewer
+        samples, 256 at least, where it would take over a third. When not given: all
+        methods, however long they take.
 
     Returns
     -------
@@ -104,7 +119,8 @@ def compare(
     ------
     ValueError
         If a method is unknown, listed twice or (when listed) cannot do the scene, the camera sees
-        no surface, or the reference's size is not the camera's.
+        no surface, the reference's size is not the camera's, or the budget is not positive or too
+        small for any method.
 
     Examples
     --------
@@ -117,90 +133,160 @@ def compare(
     >>> bool(result.table["mae"][0] > result.table["mae"][1])
     True
     """
+    start = time.perf_counter()
     with needs("metrics", "compare"):  # all of them now, rather than after the last picture
         import flip_evaluator  # noqa: F401
-        import pandas as pd
+        import pandas  # noqa: F401
         import skimage.metrics  # noqa: F401
 
     repeats = checks.integer(repeats, "repeats", 1, 1_000_000)
     if isinstance(methods, (str, Method)):
         raise TypeError("methods: expected a sequence of methods; put a single one in a list")
     chosen = {
-        _label(method): method
+        label_of(method): method
         for method in map(resolve, method_names() if methods is None else methods)
     }
     if methods is not None and len(chosen) < len(methods):
-        raise ValueError(f"methods: one is listed twice in {[_label(resolve(m)) for m in methods]}")
+        raise ValueError(
+            f"methods: one is listed twice in {[label_of(resolve(m)) for m in methods]}"
+        )
     if not chosen:
         raise ValueError("methods: expected at least one")
 
-    rows, images, skipped = [], {}, {}
+    if budget is not None and not checks.number(budget, "budget", "a positive number") > 0:
+        raise ValueError(f"budget: expected a positive number, got {budget}")
     bar = Bar(progress, "compare")
-    with bar:
-        steps = _Steps(bar, len(chosen) * repeats + 1)
-        truth = _reference(scene, camera, light, reference, steps)
+    with bar as tell:
+        study = _Study(scene, camera, light, chosen, methods is not None, repeats)
+        if budget is None:
+            return _in_order(study, reference, bar)
+        return _within(study, reference, Budget(budget, tell or False, start))
+
+
+@dataclass(frozen=True)
+class _Study:
+    """What is to be rendered."""
+
+    scene: Scene
+    camera: Camera
+    light: LightLike
+    methods: dict[str, Method]
+    given: bool
+    repeats: int
+
+    def render(self, method: Method, camera: Camera, progress: Progress) -> Image:
+        """Prepare and render a fresh copy of the scene."""
+        return prepare(self.scene.copy(), self.light, method, progress).render(camera, progress)
+
+
+def _in_order(study: _Study, reference: MethodLike | Image | None, bar: Bar) -> Comparison:
+    """Render every method with all its repeats, one after the other."""
+    rows, images, skipped = [], {}, {}
+    steps = _Steps(bar, len(study.methods) * study.repeats + 1)
+
+    def rendered(method: Method) -> Image:
+        prepared = prepare(study.scene.copy(), study.light, method, steps.part(0, 0.5))
+        image = prepared.render(study.camera, steps.part(0.5, 1))
         steps.advance()
-        for label, method in chosen.items():
-            try:
-                timed = []
-                for _ in range(repeats):
-                    timed.append(_rendered(scene.copy(), camera, light, method, steps))
-                    steps.advance()
-            except UnsupportedError as error:
-                if methods is not None:
-                    raise
-                skipped[label] = str(error)
-                steps.advance(repeats)
-                continue
-            images[label] = timed[-1]
-            rows.append(_row(method, timed, truth))
-    return Comparison(pd.DataFrame(rows), images, truth, skipped)
+        return image
+
+    if isinstance(reference, Image):
+        by, truth = None, reference
+        steps.advance()
+    else:
+        by = resolve(DEFAULT_REFERENCE if reference is None else reference)
+        truth = rendered(by)
+    _check_reference(truth, study.camera)
+    for label, method in study.methods.items():
+        try:
+            timed = [rendered(method) for _ in range(study.repeats)]
+        except UnsupportedError as error:
+            if study.given:
+                raise
+            skipped[label] = str(error)
+            steps.advance(study.repeats)
+            continue
+        images[label] = timed[-1]
+        seconds = [image.seconds for image in timed]
+        rows.append(_row(method, timed[-1], seconds, _errors(timed[-1], truth)))
+    return _comparison(rows, images, truth, skipped, by)
 
 
-def _row(method: Method, timed: list[Image], truth: Image) -> dict[str, object]:
-    image = timed[-1]
+def _within(study: _Study, reference: MethodLike | Image | None, budget: Budget) -> Comparison:
+    """Render what there is time for."""
+    if isinstance(reference, Image):
+        by, truth = None, reference
+    else:
+        by = DEFAULT_REFERENCE if reference is None else resolve(reference)
+        if reference is None:
+            by = affordable_reference(DEFAULT_REFERENCE, study.camera, study.render, budget)
+        truth = study.render(by, study.camera, budget.limit(math.inf))
+    _check_reference(truth, study.camera)
+    errors: dict[str, dict[str, float]] = {}
+    outcome = in_rounds(
+        study.methods,
+        study.camera,
+        study.render,
+        study.repeats,
+        budget,
+        lambda label, image: errors.update({label: _errors(image, truth)}),
+        study.given,
+    )
+    if not outcome.images:
+        first, why = next(iter(outcome.skipped.items()))
+        raise ValueError(f"budget: no method was rendered; {first}: {why}")
+    done = [label for label in study.methods if label in outcome.images]
+    rows = [
+        _row(study.methods[label], outcome.images[label], outcome.seconds[label], errors[label])
+        for label in done
+    ]
+    images = {label: outcome.images[label] for label in done}
+    return _comparison(rows, images, truth, outcome.skipped, by)
+
+
+def _comparison(
+    rows: list[dict[str, object]],
+    images: dict[str, Image],
+    truth: Image,
+    skipped: dict[str, str],
+    by: Method | None,
+) -> Comparison:
+    import pandas as pd
+
+    return Comparison(pd.DataFrame(rows), images, truth, skipped, by)
+
+
+def _row(
+    method: Method, image: Image, seconds: list[dict[str, float]], errors: dict[str, float]
+) -> dict[str, object]:
     return {
         "method": method.name,
-        "parameters": _parameters(method),
-        "prepare_seconds": median(x.seconds["prepare"] for x in timed),
-        "frame_seconds": median(x.seconds["frame"] for x in timed),
-        "bytes": max(x.bytes for x in timed),
+        "parameters": parameters_text(method),
+        "prepare_seconds": median(x["prepare"] for x in seconds),
+        "frame_seconds": median(x["frame"] for x in seconds),
+        "bytes": image.bytes,
         "threads": thread_count(),
-        **metrics.errors(image.visibility, truth.visibility, truth.mask),
+        **errors,
+        "repeats": len(seconds),
     }
 
 
-def _rendered(
-    scene: Scene, camera: Camera, light: LightLike, method: MethodLike, steps: _Steps
-) -> Image:
-    prepared = prepare(scene, light, method, steps.part(0, 0.5))
-    return prepared.render(camera, steps.part(0.5, 1))
+def _errors(image: Image, truth: Image) -> dict[str, float]:
+    return metrics.errors(image.visibility, truth.visibility, truth.mask)
 
 
-def _reference(
-    scene: Scene,
-    camera: Camera,
-    light: LightLike,
-    reference: MethodLike | Image | None,
-    steps: _Steps,
-) -> Image:
-    if isinstance(reference, Image):
-        image = reference
-        size = image.mask.shape
-        if size != (camera.height, camera.width):
-            raise ValueError(
-                f"reference: its size {size[1]}x{size[0]} is not the camera's "
-                f"{camera.width}x{camera.height}"
-            )
-    else:
-        method = DEFAULT_REFERENCE if reference is None else reference
-        image = _rendered(scene, camera, light, method, steps)
+def _check_reference(image: Image, camera: Camera) -> None:
+    size = image.mask.shape
+    if size != (camera.height, camera.width):
+        raise ValueError(
+            f"reference: its size {size[1]}x{size[0]} is not the camera's "
+            f"{camera.width}x{camera.height}"
+        )
     if not np.any(image.mask):
         raise ValueError("compare: the camera sees no surface, there is nothing to measure")
-    return image
 
 
-def _parameters(method: Method) -> str:
+def parameters_text(method: Method) -> str:
     """Return what differs from the defaults of the method's class, as in a call."""
     changed = []
     for item in fields(method):
@@ -213,8 +299,9 @@ def _parameters(method: Method) -> str:
     return ", ".join(changed)
 
 
-def _label(method: Method) -> str:
-    parameters = _parameters(method)
+def label_of(method: Method) -> str:
+    """Return a method's name, with its parameters in parentheses if there are any."""
+    parameters = parameters_text(method)
     return f"{method.name}({parameters})" if parameters else method.name
 
 

@@ -1,9 +1,4 @@
-"""Pictures for notebooks: one image, or two and their signed difference.
-
-The figures belong to the caller, not to pyplot: nothing opens a window, nothing needs a display,
-and a notebook shows a returned figure once. Save one with ``figure.savefig("shadow.png")``. To draw
-into a figure of your own (and show it in a window), pass its ``ax``.
-"""
+"""One image, or two and their signed difference; what the other figures draw pictures with."""
 
 from __future__ import annotations
 
@@ -60,10 +55,10 @@ def show(
     >>> len(figure.axes)
     1
     """
-    pixels = _pixels(image, what)
+    pixels = pixels_of(image, what)
     if ax is None:
-        ax = _figure(pixels.shape, 1).subplots()
-    _draw(ax, pixels, exposure)
+        ax = figure_for(pixels.shape, 1).subplots()
+    draw_picture(ax, pixels, exposure)
     ax.set_title(what if isinstance(image, Image) else "")
     return cast("Figure", ax.figure)
 
@@ -105,7 +100,7 @@ def compare(
     ValueError
         If the sizes differ, or `limit` is not positive.
     """
-    first, second = _pixels(a, what), _pixels(b, what)
+    first, second = pixels_of(a, what), pixels_of(b, what)
     if first.shape != second.shape:
         raise ValueError(f"a has shape {first.shape}, b {second.shape}: they must be equal")
     where = np.ones(first.shape[:2], dtype=np.bool_)
@@ -126,20 +121,12 @@ def compare(
     elif not limit > 0:
         raise ValueError(f"limit: expected a positive number, got {limit}")
 
-    figure = _figure(first.shape, 3)
+    figure = figure_for(first.shape, 3)
     axes = figure.subplots(1, 3)
     for ax, pixels, label in zip(axes, (first, second), labels, strict=False):
-        _draw(ax, pixels, exposure)
+        draw_picture(ax, pixels, exposure)
         ax.set_title(label)
-    shown = axes[2].imshow(
-        np.ma.masked_array(difference, ~where),
-        cmap="RdBu_r",
-        vmin=-limit,
-        vmax=limit,
-        interpolation="nearest",
-    )
-    axes[2].set_facecolor("0.85")
-    _no_ticks(axes[2])
+    shown = draw_difference(axes[2], difference, where, limit)
     figure.colorbar(shown, ax=axes[2], shrink=0.8)
     numbers = {
         "mae": metrics.mae(first, second, where_all),
@@ -156,7 +143,7 @@ def compare(
     return figure
 
 
-def _pixels(image: Image | npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
+def pixels_of(image: Image | npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
     """Return what to draw: (H, W) visibility, or (H, W, 3) linear radiance."""
     if what not in ("visibility", "radiance"):
         raise ValueError(f"what: expected 'visibility' or 'radiance', got {what!r}")
@@ -175,27 +162,50 @@ def _pixels(image: Image | npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
     return values
 
 
-def _figure(shape: tuple[int, ...], panels: int) -> Figure:
+def figure_for(shape: tuple[int, ...], panels: int) -> Figure:
     """Return a figure whose panels have about the images' aspect ratio."""
     side = 4.0
     aspect = min(max(shape[0] / shape[1], 0.25), 4.0)
     width = side * min(1.0, 1.0 / aspect) + 0.3
     height = side * min(1.0, aspect) + (0.4 if panels == 1 else 1.0)
     extra = 0.0 if panels == 1 else 0.8  # the colour bar
+    return own_figure((panels * width + extra, height))
+
+
+def own_figure(size: tuple[float, float]) -> Figure:
+    """Return an empty figure of a size in inches that Jupyter shows and pyplot does not know."""
     with needs("plot", "softshadow.plot"):
         from softshadow.figure import OwnFigure
 
-    return OwnFigure(figsize=(panels * width + extra, height), layout="constrained")
+    return OwnFigure(figsize=size, layout="constrained")
 
 
-def _draw(ax: Axes, pixels: npt.NDArray[np.float64], exposure: float | None) -> None:
+def draw_picture(ax: Axes, pixels: npt.NDArray[np.float64], exposure: float | None) -> None:
+    """Draw visibility as linear grey, radiance sRGB-encoded."""
     if pixels.ndim == 3:
         ax.imshow(to_srgb(pixels, exposure), interpolation="nearest")
     else:
         ax.imshow(pixels, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest")
-    _no_ticks(ax)
+    no_ticks(ax)
 
 
-def _no_ticks(ax: Any) -> None:
+def draw_difference(
+    ax: Axes, difference: npt.NDArray[np.float64], where: npt.NDArray[np.bool_], limit: float
+) -> Any:
+    """Draw signed errors, red where positive and blue where negative, and return what is shown."""
+    shown = ax.imshow(
+        np.ma.masked_array(difference, ~where),
+        cmap="RdBu_r",
+        vmin=-limit,
+        vmax=limit,
+        interpolation="nearest",
+    )
+    ax.set_facecolor("0.85")
+    no_ticks(ax)
+    return shown
+
+
+def no_ticks(ax: Any) -> None:
+    """Take the ticks off a picture's axes."""
     ax.set_xticks([])
     ax.set_yticks([])

@@ -1,0 +1,34 @@
+"""Colours and marks that stay apart for colour-blind readers and in grey print."""
+
+from __future__ import annotations
+
+from softshadow.methods import method_names
+
+__all__ = ["COLOURS", "MITSUBA", "style"]
+
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8C7A00")
+"""Of Okabe and Ito (2008), but a yellow that is dark enough for lines on white; black is
+Mitsuba's and the reference's."""
+
+_MARKERS = "osD^vPX<>ph*dH"
+
+MITSUBA = "mitsuba"
+"""What the names of Mitsuba's rows begin with."""
+
+
+def style(method: str, others: list[str]) -> tuple[str, str]:
+    """Return a method's colour and mark: always the same, of every method another pair.
+
+    Parameters
+    ----------
+    method : str
+        A name of a method, or of what was measured beside them.
+    others : list of str
+        All names in the figure that are no methods; they come after the methods.
+    """
+    if method.startswith(MITSUBA):
+        variants = [name for name in others if name.startswith(MITSUBA)]
+        return "#000000", "x+12348"[variants.index(method) % 7] if method in variants else "x"
+    names = [*method_names(), *(name for name in others if not name.startswith(MITSUBA))]
+    i = names.index(method) if method in names else 0
+    return COLOURS[i % len(COLOURS)], _MARKERS[i % len(_MARKERS)]
