@@ -52,6 +52,7 @@ from softshadow.methods import (
 from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.scene import Scene
+from softshadow.sweep import Case, grid, sweep
 
 for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
     _error.__module__ = __name__  # where users and pickles find them
@@ -65,6 +66,7 @@ __all__ = [
     "Bake",
     "BakedTexture",
     "Camera",
+    "Case",
     "Comparison",
     "Convolution",
     "Curves",
@@ -99,6 +101,7 @@ __all__ = [
     "bake",
     "bake_layout",
     "compare",
+    "grid",
     "kernels",
     "method_names",
     "metrics",
@@ -108,6 +111,7 @@ __all__ = [
     "render",
     "scenes",
     "set_threads",
+    "sweep",
     "thread_count",
     "threads",
     "visibility",

@@ -23,7 +23,7 @@ from softshadow.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["DEFAULT_REFERENCE", "Comparison", "compare"]
+__all__ = ["DEFAULT_REFERENCE", "Comparison", "compare", "label_of", "parameters_text"]
 
 DEFAULT_REFERENCE = RayTraced(samples=1024, seed=0x5EED)
 """What `compare` measures against.
@@ -126,11 +126,13 @@ def compare(
     if isinstance(methods, (str, Method)):
         raise TypeError("methods: expected a sequence of methods; put a single one in a list")
     chosen = {
-        _label(method): method
+        label_of(method): method
         for method in map(resolve, method_names() if methods is None else methods)
     }
     if methods is not None and len(chosen) < len(methods):
-        raise ValueError(f"methods: one is listed twice in {[_label(resolve(m)) for m in methods]}")
+        raise ValueError(
+            f"methods: one is listed twice in {[label_of(resolve(m)) for m in methods]}"
+        )
     if not chosen:
         raise ValueError("methods: expected at least one")
 
@@ -161,7 +163,7 @@ def _row(method: Method, timed: list[Image], truth: Image) -> dict[str, object]:
     image = timed[-1]
     return {
         "method": method.name,
-        "parameters": _parameters(method),
+        "parameters": parameters_text(method),
         "prepare_seconds": median(x.seconds["prepare"] for x in timed),
         "frame_seconds": median(x.seconds["frame"] for x in timed),
         "bytes": max(x.bytes for x in timed),
@@ -200,7 +202,7 @@ def _reference(
     return image
 
 
-def _parameters(method: Method) -> str:
+def parameters_text(method: Method) -> str:
     """Return what differs from the defaults of the method's class, as in a call."""
     changed = []
     for item in fields(method):
@@ -213,8 +215,9 @@ def _parameters(method: Method) -> str:
     return ", ".join(changed)
 
 
-def _label(method: Method) -> str:
-    parameters = _parameters(method)
+def label_of(method: Method) -> str:
+    """Return the method's name, with what differs from its defaults in parentheses."""
+    parameters = parameters_text(method)
     return f"{method.name}({parameters})" if parameters else method.name
 
 
