@@ -218,20 +218,25 @@ def sweep(
         int | None,
         typer.Option(min=0, help="Processes that measure; 0: this one. A crash of one is a row."),
     ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="A Dask scheduler whose workers measure.", metavar="ADDRESS"),
+    ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Measure failed cases again.")] = False,
 ) -> None:
     """Measure all cases of a study; what is in its store already is skipped.
 
     Ctrl-C, and any other end, leaves a store that the same command goes on with.
     """
+    from softshadow.sweep import pools
     from softshadow.sweep import sweep as measure
-    from softshadow.sweep.pools import processes
     from softshadow.sweep.study import read_study
 
     found = read_study(study)
     path = found.store if store is None else store
     try:
-        with processes(found.workers if workers is None else workers) as executor:
+        count = found.workers if workers is None else workers
+        with pools.processes(count) if cluster is None else pools.cluster(cluster) as executor:
             table = measure(found.cases, path, executor, retry=retry, **found.options)
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; the same command goes on with {path}", err=True)

@@ -19,7 +19,7 @@ from softshadow.scene import Scene
 
 __all__ = ["Case", "Made", "grid", "made", "resolved"]
 
-SceneSource: TypeAlias = "Scene | str | PathLike[str] | Callable[[], Any] | Any"
+SceneSource: TypeAlias = Any
 """A scene, a model file, a setup as `softshadow.scenes` makes them, or what makes one of these."""
 
 Chosen: TypeAlias = "Callable[[Made], Any]"

@@ -48,8 +48,10 @@ def _taken() -> set[str]:
     return {*_TEXT, *_REFERENCE, *METRICS, *_LAST, *times}
 
 
-_LAST = ("bytes", "repeats", "threads", "machine", "version", "time", "image", "more_stages")
-_LAST += ("key", "error")
+_LAST = (
+    *("bytes", "repeats", "threads", "machine", "version", "time", "image", "more_stages"),
+    *("key", "error"),
+)
 
 
 def parameter_columns() -> dict[str, tuple[str, type]]:

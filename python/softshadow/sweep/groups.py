@@ -187,9 +187,9 @@ class Group:
                 self._write(case, outcome.error, outcome)
                 return
             self._keep(case, step.number, outcome)
-        if not any(not c.turns for c in self._open) and not self._reference.flying:
-            if self._settled():
-                self._finish()
+        pictured = bool(self._open) and all(c.turns for c in self._open)
+        if pictured and not self._reference.flying and self._settled():
+            self._finish()
 
     def _keep(self, case: OpenCase, number: int, outcome: Outcome) -> None:
         if outcome.pictures and not case.turns:

@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from softshadow.extras import needs
 from softshadow.sweep.work import Entries, Task, run
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from concurrent.futures import Executor, Future
 
-__all__ = ["Pool", "processes"]
+__all__ = ["Pool", "cluster", "processes"]
 
 
 class Pool:
@@ -128,6 +129,21 @@ def processes(count: int) -> Iterator[Executor | None]:
         yield executor
     finally:
         _end(executor)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Executor]:
+    """Return an executor of a Dask cluster that runs already, for a ``with`` block.
+
+    Parameters
+    ----------
+    address : str
+        Of its scheduler, such as ``tcp://10.0.0.1:8786``.
+    """
+    with needs("cluster", "a Dask cluster"):
+        from distributed import Client
+    with Client(address) as client:
+        yield client.get_executor()
 
 
 def _deaf() -> None:

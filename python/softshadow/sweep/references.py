@@ -35,7 +35,7 @@ _FIRST = 256
 """Samples of the halves to begin with."""
 
 _GROWTH = 4
-"""A half as large error each time, where it falls with the root of the samples; most fall faster."""
+"""Half the error each time, where it falls with the root of the samples; most fall faster."""
 
 
 class Reference:
@@ -119,12 +119,13 @@ class Reference:
                 own = {"rmse": metrics.rmse(a, b, mask) / 2, "mae": metrics.mae(a, b, mask) / 2}
         else:
             visibility = outcome.pictures[0]
-        names = " and ".join(map(label_of, methods))
+        names = ", ".join(map(label_of, methods))
+        samples = int(getattr(methods[0], "samples", 0)) if self._halves else 0
         self._about = {
-            "reference": f"mean of {names}" if self._halves else names,
+            "reference": f"2 x {samples} samples: {names}" if self._halves else names,
             "reference_rmse": own["rmse"],
             "reference_mae": own["mae"],
-            "samples": int(getattr(methods[0], "samples", 0)) if self._halves else 0,
+            "samples": samples,
         }
         about = json.dumps(self._about)
         self._store.save(self._path, visibility=visibility, mask=mask, about=about)

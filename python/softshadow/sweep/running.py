@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from softshadow import checks
 from softshadow.arguments import Bar, Progress
+from softshadow.camera import Camera
 from softshadow.extras import needs
+from softshadow.light import LightLike
 from softshadow.methods import MethodLike, resolve
 from softshadow.sweep.cases import Case, Made, made, resolved
 from softshadow.sweep.digests import digest
@@ -173,7 +175,7 @@ class _Plan:
 
     def __post_init__(self) -> None:
         scenes: dict[int | str, _Scene] = {}
-        open_cases: dict[str, tuple[Any, list[OpenCase]]] = {}
+        open_cases: dict[str, tuple[tuple[str, LightLike, Camera], list[OpenCase]]] = {}
         finished, turns = self.store.finished(), self.store.turns()
         known: set[str] = set()
         for case in self.asked:
@@ -184,7 +186,8 @@ class _Plan:
             s = self.settings
             method = resolve(case.method)
             names = {name: getattr(case, attribute) for name, attribute in _NAMES.items()}
-            error, where = scene.error, None
+            error = scene.error
+            where: tuple[str, LightLike, Camera] | None = None
             if scene.its is not None:
                 try:
                     light, camera, _ = resolved(case, scene.its)
@@ -207,9 +210,9 @@ class _Plan:
             group = digest("reference", where, s.reference)
             open_cases.setdefault(group, (where, []))[1].append(opened)
             self.entries[scene.digest] = scene.entries
-        for group, (where, cases) in open_cases.items():
+        for group, (place, cases) in open_cases.items():
             reference = Reference(self.store, group, self.settings.reference)
-            self.groups[group] = Group(self.store, *where, reference, cases, self.settings)
+            self.groups[group] = Group(self.store, *place, reference, cases, self.settings)
 
     def _stays(self, key: str) -> bool:
         """Whether a finished case need not be measured again."""
@@ -310,7 +313,7 @@ class _Driver:
             group.take(step, outcome)
 
     def _lost(self, group: Group, step: Step, error: Exception) -> None:
-        """A worker process died: with more than one step under way, find out whose fault it is."""
+        """Find out whose fault it is that a worker process died, where it may be several's."""
         others = list(self._flight.values())
         self._flight.clear()
         self._pool.renew(error)

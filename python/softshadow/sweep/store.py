@@ -157,7 +157,8 @@ class Store:
         """Return the rows of cases, in this order."""
         frame: pd.DataFrame = self._read(list(dict.fromkeys(keys))).to_pandas()
         rows = {key: i for i, key in enumerate(frame["key"])}
-        return frame.iloc[[rows[key] for key in keys]].reset_index(drop=True)
+        ordered: pd.DataFrame = frame.iloc[[rows[key] for key in keys]].reset_index(drop=True)
+        return ordered
 
     def _read(self, keys: list[str]) -> Any:
         parts = [self._parquet.read_table(self.part(k), partitioning=None) for k in keys]
@@ -199,7 +200,7 @@ class Store:
         new = path.with_name(f"_new-{os.getpid()}-{path.name}")
         try:
             with open(new, "wb") as stream:
-                np.savez(stream, **{name: np.asarray(a) for name, a in arrays.items()})
+                np.savez(stream, allow_pickle=False, **arrays)
                 _to_disk(stream.fileno())
             os.replace(new, path)
         finally:

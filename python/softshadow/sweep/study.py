@@ -110,7 +110,9 @@ def _study(text: dict[str, Any], folder: Path) -> Study:
     size = text.get("size")
     if size is not None and not (isinstance(size, list) and len(size) == 2):
         raise ValueError(f"size: expected [width, height], got {size!r}")
-    options = {name: text[name] for name in ("repeats", "threads", "alone") if name in text}
+    options: dict[str, Any] = {
+        name: text[name] for name in ("repeats", "threads", "alone") if name in text
+    }
     if "images" in text:
         options["images"] = folder / text["images"]
     if "reference" in text:
