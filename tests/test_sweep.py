@@ -414,8 +414,8 @@ def test_a_reader_opens_a_store_that_grows(tmp_path):
             seen.append((len(table), count))
             assert table["rmse"].notna().all()
 
-    quick(crowd(8), store, progress=told)
-    assert {a for a, _ in seen} >= {1, 2, 8}
+    quick(crowd(8), store, progress=told, repeats=2)
+    assert {a for a, _ in seen} == set(range(1, 9))
     assert all(a == b for a, b in seen)
 
 
@@ -518,10 +518,9 @@ def test_a_scene_travels_once_to_each_process(tmp_path, monkeypatch, pool):
         return real(self, task, entries, host)
 
     monkeypatch.setattr(pools.Pool, "submit", told)
-    ss.sweep(
-        ss.grid(board(), LIGHTS["0.4"], CAMERA, [ss.RayTraced(samples=4, seed=i) for i in range(9)]),
-        *(tmp_path / "r", pool, QUICK, 2), progress=False,
-    )  # fmt: skip
+    methods = [ss.RayTraced(samples=4, seed=i) for i in range(9)]
+    cases = ss.grid(board(), LIGHTS["0.4"], CAMERA, methods)
+    quick(cases, tmp_path / "r", executor=pool, repeats=2)
     assert 1 <= sum(sent) <= 2
     assert len(sent) > 18
 
@@ -552,8 +551,7 @@ def kill_a_worker_once(task, entries=None):
     return work.run(task, entries)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.parametrize("killed", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_dask_cluster_makes_the_same_table(tmp_path, monkeypatch, killed):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("SWEEP_KILLED", str(tmp_path / "killed"))
