@@ -24,7 +24,7 @@ import softshadow as ss
 from softshadow import cli
 from softshadow.methods import resolve
 from softshadow.sweep import columns, digests, groups, pools, running, work
-from softshadow.sweep.references import SHARE
+from softshadow.sweep.references import REFERENCE, SHARE
 from softshadow.sweep.store import FORMAT, Store
 from softshadow.sweep.study import read_study
 
@@ -671,6 +671,15 @@ def test_mistakes_in_a_study_are_one_line(study, capsys, before, after, words):
     assert err.count("\n") == 1
     assert re.match(rf"error: .*{words}", err), err
     assert not (study.parent / "study.parquet").exists()
+
+
+def test_the_study_of_the_documentation_is_one(tmp_path):
+    page = (HERE.parent / "docs" / "sweeps.md").read_text()
+    (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.M | re.S)
+    (tmp_path / "study.toml").write_text(text)
+    found = read_study(tmp_path / "study.toml")
+    assert len(found.cases) == 2 * 2 * 1 * 4
+    assert found.options["reference"] == REFERENCE
 
 
 @pytest.mark.parametrize("workers", [0, 1])

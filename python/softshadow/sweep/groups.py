@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from softshadow import metrics
 from softshadow.camera import Camera
@@ -155,6 +156,12 @@ class Group:
         """How many cases are not rows."""
         return len(self._open)
 
+    @property
+    def turns_left(self) -> int:
+        """How many repeats are not done; a case that waits for its row counts as one."""
+        wanted = self._settings.repeats
+        return sum(max(1, wanted - len(case.pooled())) for case in self._open)
+
     def next(self) -> Step | None:
         """Return what can be done now, if there is anything."""
         first = [case for case in self._open if not case.turns]
@@ -234,8 +241,8 @@ class Group:
             if not mask.any():
                 return math.inf  # an error of each case, later
             with machine_to_itself(self._settings.alone):
-                pictures = (np.load(self._store.picture(c.key)) for c in self._open)
-                self._judged = min(metrics.rmse(p["visibility"], truth, mask) for p in pictures)
+                pictures = (self._picture(case) for case in self._open)
+                self._judged = min(metrics.rmse(picture, truth, mask) for picture in pictures)
         return self._judged
 
     def _finish(self) -> None:
@@ -262,8 +269,7 @@ class Group:
         self._open.remove(case)
 
     def _errors(self, case: OpenCase) -> dict[str, Any]:
-        with np.load(self._store.picture(case.key)) as arrays:
-            visibility = arrays["visibility"]
+        visibility = self._picture(case)
         truth, mask = self._reference.arrays()
         if not mask.any():
             raise ValueError("the camera sees no surface, there is nothing to measure")
@@ -275,3 +281,8 @@ class Group:
             self._store.save(path, visibility=visibility, reference=truth, mask=mask)
             found["image"] = str(path)
         return found
+
+    def _picture(self, case: OpenCase) -> npt.NDArray[np.float32]:
+        with np.load(self._store.picture(case.key)) as arrays:
+            visibility: npt.NDArray[np.float32] = arrays["visibility"]
+        return visibility

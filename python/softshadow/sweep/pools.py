@@ -28,11 +28,12 @@ class Pool:
     """
 
     def __init__(self, executor: Executor | None) -> None:
-        from concurrent.futures import BrokenExecutor
+        from concurrent.futures import BrokenExecutor, CancelledError
 
         if executor is not None and not callable(getattr(executor, "submit", None)):
             raise TypeError(f"executor: expected one of concurrent.futures' kind, got {executor!r}")
         self.broken: type[Exception] = BrokenExecutor
+        self.cancelled: type[Exception] = CancelledError
         self._executor = executor
         self._ours: Executor | None = None
         self._client = getattr(executor, "_client", None) if executor is not None else None

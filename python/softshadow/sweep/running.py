@@ -253,6 +253,7 @@ class _Driver:
         self._pool = pool
         self._bar = bar
         self._all = len(set(plan.keys))
+        self._turns = self._all * plan.settings.repeats
         self._flight: dict[Any, tuple[Group, Step]] = {}
         self._suspects: deque[tuple[Group, Step]] = deque()
 
@@ -264,7 +265,8 @@ class _Driver:
                 self._fill()
                 if not self._flight:
                     break
-                for future in self._pool.some(self._flight):
+                done = self._pool.some(self._flight)
+                for future in sorted(done, key=self._died):  # what came back is kept
                     if future in self._flight:  # not lost with a pool that broke
                         self._take(future)
                 self._groups = [group for group in self._groups if not group.finished]
@@ -298,6 +300,10 @@ class _Driver:
         future = self._pool.submit(step.task, entries, step.host)
         self._flight[future] = (group, step)
 
+    def _died(self, future: Any) -> bool:
+        """Whether a step ended with its worker process."""
+        return not future.cancelled() and isinstance(future.exception(), self._pool.broken)
+
     def _take(self, future: Any) -> None:
         group, step = self._flight.pop(future)
         try:
@@ -305,6 +311,8 @@ class _Driver:
         except self._pool.broken as error:
             self._lost(group, step, error)
             return
+        except self._pool.cancelled as error:  # by a cluster that is gone, say: no fault of a case
+            raise RuntimeError("executor: it has dropped its work; sweep again") from error
         except Exception as error:
             outcome = Outcome(error=f"{type(error).__name__}: {error}")
         if outcome.missing:
@@ -324,7 +332,7 @@ class _Driver:
 
     def _say(self) -> None:
         left = sum(group.left for group in self._groups)
-        done = 1 - left / self._all
+        done = 1 - sum(group.turns_left for group in self._groups) / self._turns
         report = self._bar.part(0, 1, f"sweep: {left} of {self._all} cases left")
         if callable(report) and done < 1:
             report(done)
