@@ -682,21 +682,60 @@ def test_the_study_of_the_documentation_is_one(tmp_path):
     assert found.options["reference"] == REFERENCE
 
 
+def _many(study, workers):
+    """A study of hundreds of cases, and the process that begins to sweep it."""
+    many = STUDY.replace("[0, 1]", str(list(range(40))))
+    study.write_text(many.replace("workers = 0", f"workers = {workers}"))
+    return subprocess.Popen(
+        [sys.executable, "-m", "softshadow", "sweep", str(study)],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+
+
+def _await_parts(process, store, count):
+    while process.poll() is None and len(list(store.glob("part-*"))) < count:
+        time.sleep(0.01)
+    assert process.poll() is None
+
+
+def _alive(group):
+    """The processes of a group, without those that have ended and wait for their parent."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, its = path.read_text().rpartition(")")[2].split()[:3]
+        except OSError:  # gone meanwhile
+            continue
+        if int(its) == group and state != "Z":
+            found.append(int(path.parent.name))
+    return found
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="there is no /proc here")
+def test_workers_end_with_a_command_that_is_killed(study):
+    process = _many(study, workers=1)
+    _await_parts(process, study.parent / "study.parquet", 3)
+    process.kill()
+    process.communicate(timeout=30)
+    deadline = time.monotonic() + 20
+    while left := _alive(process.pid):
+        if time.monotonic() > deadline:
+            os.killpg(process.pid, signal.SIGKILL)
+            pytest.fail(f"{left} stayed")
+        time.sleep(0.05)
+
+
 @pytest.mark.parametrize("workers", [0, 1])
 def test_ctrl_c_leaves_a_store_that_goes_on(study, workers):
-    many = STUDY.replace("seed = [0, 1]", f"seed = {list(range(40))}")
-    study.write_text(many.replace("workers = 0", f"workers = {workers}"))
     store = study.parent / "study.parquet"
-    command = [sys.executable, "-m", "softshadow", "sweep", str(study)]
     before: dict[Path, int] = {}
     for _ in range(2):
         wanted = len(before) + 5
-        process = subprocess.Popen(
-            command, stderr=subprocess.PIPE, text=True, start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-        )  # fmt: skip
-        while process.poll() is None and len(list(store.glob("part-*"))) < wanted:
-            time.sleep(0.01)
+        process = _many(study, workers)
+        _await_parts(process, store, wanted)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         _, err = process.communicate(timeout=30)
         assert process.returncode == 130, err

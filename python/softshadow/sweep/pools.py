@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -125,7 +126,7 @@ def processes(count: int) -> Iterator[Executor | None]:
     from concurrent.futures import ProcessPoolExecutor
 
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(count, context, _deaf)
+    executor = ProcessPoolExecutor(count, context, _begin)
     try:
         yield executor
     finally:
@@ -147,8 +148,22 @@ def cluster(address: str) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def _deaf() -> None:
+def _begin() -> None:
+    """Make a worker deaf to Ctrl-C, and end it with the process that has the pool.
+
+    It would otherwise stay when that one is killed, which a pool's processes do not notice.
+    """
+    import multiprocessing
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def end() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 def _end(executor: Any) -> None:
