@@ -540,6 +540,20 @@ def crash_on_ssoc(task, entries=None):
     return work.run(task, entries)
 
 
+def crash_on_odd_seeds(task, entries=None):
+    if getattr(task.methods[0], "seed", 0) in (1, 3, 5):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return work.run(task, entries)
+
+
+def test_only_cases_that_crash_by_themselves_have_failed(tmp_path, pool, monkeypatch):
+    monkeypatch.setattr(pools, "run", crash_on_odd_seeds)
+    methods = [ss.RayTraced(samples=4, seed=seed) for seed in range(6)]
+    cases = ss.grid(board, LIGHTS["0.4"], CAMERA, methods)
+    table = quick(cases, tmp_path / "r", executor=pool, alone=False)
+    assert table["error"].notna().tolist() == [False, True] * 3
+
+
 def kill_a_worker_once(task, entries=None):
     """Run a task; the first of wedges kills its worker."""
     if task.methods[0].name == "wedges":

@@ -17,6 +17,7 @@ from softshadow.extras import needs
 from softshadow.light import LightLike
 from softshadow.methods import MethodLike, resolve
 from softshadow.sweep.cases import Case, Made, made, resolved
+from softshadow.sweep.columns import row_of
 from softshadow.sweep.digests import digest
 from softshadow.sweep.groups import Group, OpenCase, Settings, Step
 from softshadow.sweep.pools import Pool
@@ -225,8 +226,6 @@ class _Plan:
 
     def _cannot(self, case: OpenCase, error: str) -> None:
         """Write the row of a case whose scene, light or camera cannot be made."""
-        from softshadow.sweep.columns import row_of
-
         row = {**case.names, **row_of(case.method, []), "key": case.key, "error": error}
         self.store.write(case.key, row)
 
@@ -256,6 +255,7 @@ class _Driver:
         self._turns = self._all * plan.settings.repeats
         self._flight: dict[Any, tuple[Group, Step]] = {}
         self._suspects: deque[tuple[Group, Step]] = deque()
+        self._suspect: Step | None = None
 
     def run(self) -> None:
         """Return when all cases are rows."""
@@ -284,10 +284,13 @@ class _Driver:
 
     def _fill(self) -> None:
         """Give each worker something to do; what may have killed one runs by itself."""
-        while self._suspects:
-            if self._flight:
-                return
-            self._submit(*self._suspects.popleft())
+        if self._suspect is not None:
+            return
+        if self._suspects:
+            if not self._flight:
+                group, self._suspect = self._suspects.popleft()
+                self._submit(group, self._suspect)
+            return
         for group in self._groups:
             while len(self._flight) < self._pool.width:
                 step = group.next()
@@ -317,13 +320,15 @@ class _Driver:
             outcome = Outcome(error=f"{type(error).__name__}: {error}")
         if outcome.missing:
             self._submit(group, step, with_scene=True)
-        else:
-            group.take(step, outcome)
+            return
+        self._suspect = None
+        group.take(step, outcome)
 
     def _lost(self, group: Group, step: Step, error: Exception) -> None:
         """Find out whose fault it is that a worker process died, where it may be several's."""
         others = list(self._flight.values())
         self._flight.clear()
+        self._suspect = None
         self._pool.renew(error)
         if others:
             self._suspects.extend([(group, step), *others])
