@@ -583,6 +583,32 @@ def test_a_dask_cluster_makes_the_same_table(tmp_path, monkeypatch, killed):
     pd.testing.assert_frame_equal(timeless(there), timeless(here))
 
 
+@pytest.mark.slow
+def test_a_long_sweep_goes_on_when_dask_s_workers_are_killed(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setenv("PYTHONPATH", str(HERE))
+    dice = random.Random(6)
+    store = tmp_path / "r"
+    wanted = [dice.randrange(a, a + 100) for a in (20, 180, 340)]  # rows, at each kill
+    with (
+        distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+
+        def told(fraction):
+            if wanted and len(list(store.glob("part-*"))) >= wanted[0]:
+                del wanted[0]
+                workers = list(client.run(os.getpid).values())
+                os.kill(dice.choice(workers), signal.SIGKILL)
+
+        executor = client.get_executor()
+        table = quick(crowd(500), store, executor=executor, progress=told, repeats=2)
+    assert not wanted
+    assert len(pd.read_parquet(store)) == 500
+    expected = quick(crowd(500), tmp_path / "here", repeats=2)
+    pd.testing.assert_frame_equal(timeless(table), timeless(expected))
+
+
 def test_other_kinds_of_executors_work(tmp_path):
     with concurrent.futures.ThreadPoolExecutor(3) as executor:
         table = quick(crowd(6), tmp_path / "r", executor=executor)
@@ -685,6 +711,20 @@ def test_mistakes_in_a_study_are_one_line(study, capsys, before, after, words):
     assert err.count("\n") == 1
     assert re.match(rf"error: .*{words}", err), err
     assert not (study.parent / "study.parquet").exists()
+
+
+def test_the_first_program_of_the_documentation_runs(tmp_path, monkeypatch):
+    page = (HERE.parent / "docs" / "sweeps.md").read_text()
+    program = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)[0]
+    small = {"small": lambda its: ss.Camera(its.camera.eye, (0, 0, 0), **SIZE)}
+    grid, sweep = ss.grid, ss.sweep
+    monkeypatch.setattr(ss, "grid", lambda **axes: grid(**axes, camera=small))
+    monkeypatch.setattr(ss, "sweep", lambda *a, **k: sweep(*a, **k, reference=QUICK, repeats=1))
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(program, names)
+    assert names["table"]["error"].isna().all()
+    assert len(names["table"]) == 16
 
 
 def test_the_study_of_the_documentation_is_one(tmp_path):

@@ -200,7 +200,7 @@ class Store:
         new = path.with_name(f"_new-{os.getpid()}-{path.name}")
         try:
             with open(new, "wb") as stream:
-                np.savez(stream, allow_pickle=False, **arrays)
+                np.savez(stream, **arrays)  # type: ignore[arg-type]
                 _to_disk(stream.fileno())
             os.replace(new, path)
         finally:
