@@ -179,6 +179,7 @@ class _Plan:
         open_cases: dict[str, tuple[tuple[str, LightLike, Camera], list[OpenCase]]] = {}
         finished, turns = self.store.finished(), self.store.turns()
         known: set[str] = set()
+        done: set[str] = set()
         for case in self.asked:
             source = case.scene if isinstance(case.scene, str) else id(case.scene)
             if source not in scenes:
@@ -203,6 +204,7 @@ class _Plan:
                 continue
             known.add(key)
             if key in finished and self._stays(key):
+                done.add(key)
                 continue
             opened = OpenCase(key, method, names, turns.get(key, {}))
             if where is None:
@@ -211,6 +213,7 @@ class _Plan:
             group = digest("reference", where, s.reference)
             open_cases.setdefault(group, (where, []))[1].append(opened)
             self.entries[scene.digest] = scene.entries
+        self.store.tidy(done)
         for group, (place, cases) in open_cases.items():
             reference = Reference(self.store, group, self.settings.reference)
             self.groups[group] = Group(self.store, *place, reference, cases, self.settings)

@@ -186,6 +186,12 @@ class Store:
         for path in (self.path / "_turns").glob(f"{key}[-.]*"):
             path.unlink(missing_ok=True)
 
+    def tidy(self, keys: set[str]) -> None:
+        """Remove what is left of cases whose sweep was killed just after it wrote their parts."""
+        for path in (self.path / "_turns").iterdir():
+            if path.stem.partition("-")[0] in keys:
+                path.unlink(missing_ok=True)
+
     def picture(self, key: str) -> Path:
         """Return where the picture of a case that is not finished is."""
         return self.path / "_turns" / f"{key}.npz"
