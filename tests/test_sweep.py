@@ -258,9 +258,9 @@ def test_methods_of_a_scene_take_turns(tmp_path, monkeypatch):
     order = []
     real = work.run
 
-    def told(task, entries=None):
+    def told(task, source):
         order.append(tuple(m.name for m in task.methods))
-        return real(task, entries)
+        return real(task, source)
 
     monkeypatch.setattr(pools, "run", told)
     quick(ss.grid(board, LIGHTS["0.4"], CAMERA, ["hard", "wedges"]), tmp_path / "r", repeats=3)
@@ -272,8 +272,8 @@ def test_repeats_of_two_machines_are_not_pooled(tmp_path, monkeypatch):
     machines = iter(["a", "b", "b", "a", "b", "b", "b"])
     real = work.run
 
-    def elsewhere(task, entries=None):
-        outcome = real(task, entries)
+    def elsewhere(task, source):
+        outcome = real(task, source)
         vars(outcome)["machine"] = next(machines)
         vars(outcome)["seconds"].update(frame=1.0 if outcome.machine == "a" else 2.0)
         return outcome
@@ -443,10 +443,10 @@ import test_sweep as t
 from softshadow.sweep import pools, work
 
 real = work.run
-def told(task, entries=None):
+def told(task, source):
     with open(sys.argv[2], "a") as log:
         print("begins", task.name, file=log, flush=True)
-        outcome = real(task, entries)
+        outcome = real(task, source)
         print("ends", task.name, file=log, flush=True)
     return outcome
 
@@ -513,20 +513,27 @@ def test_a_pool_of_processes_makes_the_same_table(tmp_path, pool):
     pd.testing.assert_frame_equal(timeless(there), timeless(here))
 
 
-def test_a_scene_travels_once_to_each_process(tmp_path, monkeypatch, pool):
+@pytest.mark.parametrize("reached", [True, False])
+def test_a_scene_travels_by_a_file_or_to_who_cannot_read_it(tmp_path, monkeypatch, pool, reached):
     sent = []
     real = pools.Pool.submit
 
-    def told(self, task, entries, host):
-        sent.append(entries is not None)
-        return real(self, task, entries, host)
+    def told(self, task, source, where):
+        sent.append(source)
+        elsewhere = isinstance(source, str) and not reached
+        return real(self, task, "/nowhere" if elsewhere else source, where)
 
     monkeypatch.setattr(pools.Pool, "submit", told)
     methods = [ss.RayTraced(samples=4, seed=i) for i in range(9)]
     cases = ss.grid(board(), LIGHTS["0.4"], CAMERA, methods)
-    quick(cases, tmp_path / "r", executor=pool, repeats=2)
-    assert 1 <= sum(sent) <= 2
-    assert len(sent) > 18
+    table = quick(cases, tmp_path / "r", executor=pool, repeats=2)
+    assert table["error"].isna().all()
+    travelled = [source for source in sent if not isinstance(source, str)]
+    assert len(travelled) < len(sent) / 2
+    assert bool(travelled) != reached
+    files = {source for source in sent if isinstance(source, str)}
+    assert len(files) == 1
+    assert not Path(files.pop()).exists()
 
 
 def test_a_worker_that_crashes_is_a_row_and_the_sweep_goes_on(tmp_path, pool, monkeypatch):
@@ -538,16 +545,16 @@ def test_a_worker_that_crashes_is_a_row_and_the_sweep_goes_on(tmp_path, pool, mo
     assert table["rmse"].notna().sum() == 3
 
 
-def crash_on_ssoc(task, entries=None):
+def crash_on_ssoc(task, source):
     if task.methods[0].name == "ssoc":
         os.kill(os.getpid(), signal.SIGKILL)
-    return work.run(task, entries)
+    return work.run(task, source)
 
 
-def crash_on_odd_seeds(task, entries=None):
+def crash_on_odd_seeds(task, source):
     if getattr(task.methods[0], "seed", 0) in (1, 3, 5):
         os.kill(os.getpid(), signal.SIGKILL)
-    return work.run(task, entries)
+    return work.run(task, source)
 
 
 def test_only_cases_that_crash_by_themselves_have_failed(tmp_path, pool, monkeypatch):
@@ -558,7 +565,7 @@ def test_only_cases_that_crash_by_themselves_have_failed(tmp_path, pool, monkeyp
     assert table["error"].notna().tolist() == [False, True] * 3
 
 
-def kill_a_worker_once(task, entries=None):
+def kill_a_worker_once(task, source):
     """Run a task; the first of wedges kills its worker."""
     if task.methods[0].name == "wedges":
         try:
@@ -566,7 +573,7 @@ def kill_a_worker_once(task, entries=None):
             os.kill(os.getpid(), signal.SIGKILL)
         except FileExistsError:
             pass
-    return work.run(task, entries)
+    return work.run(task, source)
 
 
 @pytest.mark.parametrize("killed", [pytest.param(False, marks=pytest.mark.slow), True])

@@ -53,21 +53,29 @@ class Pool:
             return max(1, len(self._client.nthreads()))
         return int(getattr(self._executor, "_max_workers", None) or os.cpu_count() or 1)
 
-    def submit(self, task: Task, entries: Entries | None, host: str | None) -> Future[Any]:
-        """Begin a task; in this process, do it."""
+    def submit(self, task: Task, source: Entries | str, where: str | None) -> Future[Any]:
+        """Begin a task; in this process, do it.
+
+        Parameters
+        ----------
+        task, source
+            As of `run`.
+        where : str or None
+            The address of one of Dask's workers or of its machine; kept to while that is there.
+        """
         from concurrent.futures import Future
 
         future: Future[Any] = Future()
         if self._executor is None:
-            future.set_result(run(task, entries))
+            future.set_result(run(task, source))
             return future
         try:
             if self._client is None:
-                return self._executor.submit(run, task, entries)
+                return self._executor.submit(run, task, source)
             options: dict[str, Any] = {"pure": False}
-            if host is not None:  # repeats of a case on one machine, while it is there
-                options.update(workers=[host], allow_other_workers=True)
-            return self._executor.submit(run, task, entries, **options)
+            if where is not None:
+                options.update(workers=[where], allow_other_workers=True)
+            return self._executor.submit(run, task, source, **options)
         except self.broken as error:
             future.set_exception(error)
             return future

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from softshadow import checks
@@ -259,6 +261,7 @@ class _Driver:
         self._flight: dict[Any, tuple[Group, Step]] = {}
         self._suspects: deque[tuple[Group, Step]] = deque()
         self._suspect: Step | None = None
+        self._folder: TemporaryDirectory[str] | None = None
 
     def run(self) -> None:
         """Return when all cases are rows."""
@@ -284,6 +287,8 @@ class _Driver:
             for future in self._flight:
                 future.cancel()
             self._pool.close()
+            if self._folder is not None:
+                self._folder.cleanup()
 
     def _fill(self) -> None:
         """Give each worker something to do; what may have killed one runs by itself."""
@@ -301,10 +306,18 @@ class _Driver:
                     break
                 self._submit(group, step)
 
-    def _submit(self, group: Group, step: Step, with_scene: bool = False) -> None:
-        entries = self._entries[group.scene] if with_scene or self._pool.here else None
-        future = self._pool.submit(step.task, entries, step.host)
-        self._flight[future] = (group, step)
+    def _submit(self, group: Group, step: Step) -> None:
+        source = self._entries[group.scene] if self._pool.here else self._file(group.scene)
+        self._flight[self._pool.submit(step.task, source, step.host)] = (group, step)
+
+    def _file(self, scene: str) -> str:
+        """Return the path of a scene's file, which only this user can write."""
+        if self._folder is None:
+            self._folder = TemporaryDirectory(prefix="softshadow-sweep-")
+        path = Path(self._folder.name) / f"{scene}.pickle"
+        if not path.exists():
+            path.write_bytes(pickle.dumps(self._entries[scene]))
+        return str(path)
 
     def _died(self, future: Any) -> bool:
         """Whether a step ended with its worker process."""
@@ -322,7 +335,9 @@ class _Driver:
         except Exception as error:
             outcome = Outcome(error=f"{type(error).__name__}: {error}")
         if outcome.missing:
-            self._submit(group, step, with_scene=True)
+            source = self._entries[group.scene]
+            future = self._pool.submit(step.task, source, outcome.worker)
+            self._flight[future] = (group, step)
             return
         self._suspect = None
         group.take(step, outcome)

@@ -1,12 +1,13 @@
 """What runs where a case is measured: in this process, in another, or on another machine.
 
-A task names its scene by a digest. A process that has not seen the scene says so, and is sent the
-task again with the scene: so a scene travels once to each, whatever the executor.
+A task names its scene by a digest, and comes with the path of a file that has the scene, which a
+process of the same machine reads once. One that cannot read it says so, and is sent the scene.
 """
 
 from __future__ import annotations
 
 import os
+import pickle
 import platform
 import sys
 import tempfile
@@ -81,7 +82,7 @@ class Outcome:
     Attributes
     ----------
     missing : bool
-        The process has not seen the scene: send the task with it.
+        The process does not know the scene: send the task with it.
     error : str or None
         What went wrong.
     seconds : dict
@@ -89,8 +90,8 @@ class Outcome:
     bytes, threads : int
     machine, version, time : str
         The time is the end's, UTC, as ISO 8601 has it.
-    host : str or None
-        Where Dask finds the machine.
+    worker, host : str or None
+        Where Dask finds the process, and its machine.
     pictures : tuple of ndarray, shape (H, W) or (L, H, W)
         Visibilities.
     mask : ndarray, shape (H, W), or None
@@ -104,36 +105,49 @@ class Outcome:
     machine: str = ""
     version: str = ""
     time: str = ""
+    worker: str | None = None
     host: str | None = None
     pictures: tuple[npt.NDArray[np.float32], ...] = ()
     mask: npt.NDArray[np.bool_] | None = None
 
 
-def run(task: Task, entries: Entries | None = None) -> Outcome:
+def run(task: Task, source: Entries | str) -> Outcome:
     """Do a task; what goes wrong is an outcome, too.
 
     Parameters
     ----------
     task : Task
-    entries : tuple of entries, optional
-        The scene's; not given where the process should know them.
+    source : tuple of entries, or str
+        The scene's, or the path of a file that has them pickled. It is the sweeping process that
+        wrote it, and nobody else can.
     """
-    with _scenes_lock:
-        if entries is not None:
-            _scenes[task.scene] = entries
-        if task.scene not in _scenes:
-            return Outcome(missing=True)
-        _scenes.move_to_end(task.scene)
-        known = _scenes[task.scene]
-        while len(_scenes) > _MOST_SCENES:
-            _scenes.popitem(last=False)
     try:
+        known = _scene(task.scene, source)
+        if known is None:
+            return Outcome(missing=True, worker=_dask_worker())
         with machine_to_itself(task.alone), parallel.threads(task.threads):
             return _rendered(task, known)
     except (KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
     except BaseException as error:  # a panic of the core is no Exception
         return Outcome(error=f"{type(error).__name__}: {error}", **_where())
+
+
+def _scene(name: str, source: Entries | str) -> Entries | None:
+    """Return the entries of a scene, and keep them; None where they cannot be read."""
+    with _scenes_lock:
+        if name not in _scenes:
+            if isinstance(source, str):
+                try:
+                    with open(source, "rb") as stream:
+                        source = pickle.load(stream)
+                except OSError:  # this is another machine
+                    return None
+            _scenes[name] = source  # type: ignore[assignment]
+        _scenes.move_to_end(name)
+        while len(_scenes) > _MOST_SCENES:
+            _scenes.popitem(last=False)
+        return _scenes[name]
 
 
 def _rendered(task: Task, entries: Entries) -> Outcome:
@@ -157,7 +171,7 @@ def _where() -> dict[str, Any]:
         "machine": machine(),
         "version": __version__,
         "time": datetime.now(timezone.utc).isoformat(),
-        "host": _dask_host(),
+        "host": (_dask_worker() or "").rpartition("://")[2].rpartition(":")[0] or None,
     }
 
 
@@ -174,17 +188,15 @@ def machine() -> str:
     return f"{platform.node()}: {model}, {os.cpu_count()} cores"
 
 
-def _dask_host() -> str | None:
-    """Return the address of the machine of Dask's worker that this runs in, if it does."""
+def _dask_worker() -> str | None:
+    """Return the address of Dask's worker that this runs in, if it does."""
     module = sys.modules.get("distributed")
     if module is None:
         return None
     try:
-        address = str(module.get_worker().address)
+        return str(module.get_worker().address)
     except ValueError:  # no worker runs this
         return None
-    host = address.rpartition("://")[2].rpartition(":")[0]
-    return host or None
 
 
 @contextmanager
