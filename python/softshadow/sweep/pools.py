@@ -177,8 +177,11 @@ def _begin() -> None:
 def _end(executor: Any) -> None:
     """End a pool's processes now, whatever they do."""
     alive = list((executor._processes or {}).values())
+    manager = executor._executor_manager_thread
     executor.shutdown(wait=False, cancel_futures=True)
     for process in alive:
         process.terminate()
     for process in alive:
         process.join()
+    if manager is not None:  # or its last steps meet the interpreter's, which CPython 3.10 prints
+        manager.join(10)
