@@ -405,9 +405,10 @@ def test_threads_can_share_a_scene():
     assert all(np.array_equal(r, expected) for r in results)
 
 
-def test_what_a_type_checker_sees_is_so():
+def test_what_a_type_checker_sees_is_so(tmp_path):
     """Linters check the types of what runs here."""
     height, brightness = typed.lights()
     assert (height, brightness) == (4 - 1 + 4 + 0, 6 + 2 + 0.5 + 0.5)
     assert typed.pictures().dtype == np.float32
     assert typed.maps().shape == (4,)
+    assert len(typed.sweeps(str(tmp_path / "results.parquet"))) == 1

@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 OPTIONAL = [
     *("IPython", "OpenEXR", "PIL", "drjit", "flip_evaluator", "imageio", "ipywidgets"),
     *("matplotlib", "mitsuba", "networkx", "pandas", "rich", "scipy", "skimage", "typer"),
+    *("dask", "distributed", "pyarrow"),
 ]
 """Modules of the extras, and what comes with them."""
 
@@ -98,17 +99,20 @@ def test_parts_that_are_imported_when_used_are_there():
 
 
 def test_functions_stay_functions_whatever_is_imported():
-    """Three functions are named as the modules that they are from."""
-    for first in ("softshadow.bake.textures", "softshadow.compare", "softshadow.render"):
+    """Four functions are named as the modules that they are from."""
+    for first in (
+        *("softshadow.bake.textures", "softshadow.compare", "softshadow.render"),
+        "softshadow.sweep.work",
+    ):
         code = f"""
             import json
             import {first}
             import softshadow as ss
-            import softshadow.bake, softshadow.kernels.wedges, softshadow.render
-            same = [ss.bake, ss.compare, ss.render, ss.kernels.wedges]
+            import softshadow.bake, softshadow.kernels.wedges, softshadow.render, softshadow.sweep
+            same = [ss.bake, ss.compare, ss.render, ss.kernels.wedges, ss.sweep]
             print(json.dumps([callable(x) for x in same]))
         """
-        assert _fresh(code) == [True] * 4
+        assert _fresh(code) == [True] * 5
 
 
 def test_the_core_works_with_its_own_dependencies_alone(tmp_path):
@@ -153,6 +157,8 @@ USES = [
     ("io", "ss.images.write('a.exr', image.visibility)"),
     ("io", "ss.Scene.load(zipped('a.3mf'))"),
     ("cli", "import softshadow.cli"),
+    ("sweep", "ss.sweep(ss.grid(scene, light, camera, 'hard'), 'results.parquet')"),
+    ("cluster", "from softshadow.sweep import pools; pools.cluster('tcp://a:1').__enter__()"),
     ("bake", f"ss.bake(scene, light, 'board', 'hard', uv={CORNERS})"),
     ("scenes", "ss.scenes.landscape(16, 16)"),
     ("scenes", "ss.scenes.fork(16, 16)"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import softshadow as ss
 
 
@@ -39,6 +40,15 @@ def pictures() -> npt.NDArray[np.float32]:
     assert (len(rest), error) == (0, 0.0)
     assert seconds
     return texture.visibility
+
+
+def sweeps(store: str) -> pd.DataFrame:
+    """What is measured, and its table."""
+    setup = ss.scenes.half_plane(8, 8)
+    cases: list[ss.Case] = ss.grid(setup, {"own": None}, setup.camera, ["hard"])
+    name: str = cases[0].scene_name
+    assert name
+    return ss.sweep(cases, store, reference=ss.RayTraced(16), repeats=1, progress=False)
 
 
 def maps() -> npt.NDArray[np.float32]:

@@ -54,6 +54,7 @@ from softshadow.parallel import set_threads, thread_count, threads
 from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.report import report
 from softshadow.scene import Scene
+from softshadow.sweep import Case, grid, sweep
 
 for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
     _error.__module__ = __name__  # where users and pickles find them
@@ -67,6 +68,7 @@ __all__ = [
     "Bake",
     "BakedTexture",
     "Camera",
+    "Case",
     "Comparison",
     "Convolution",
     "Curves",
@@ -102,6 +104,7 @@ __all__ = [
     "bake_layout",
     "compare",
     "front",
+    "grid",
     "kernels",
     "method_names",
     "metrics",
@@ -112,6 +115,7 @@ __all__ = [
     "report",
     "scenes",
     "set_threads",
+    "sweep",
     "thread_count",
     "threads",
     "visibility",

@@ -1,4 +1,4 @@
-"""The command ``softshadow``: render a model file's shadow, compare methods, write reports.
+"""The command ``softshadow``: pictures of a model file, comparisons, sweeps and reports.
 
 Every mistake of the user's is one line on stderr, ``error: ...``, and exit code 2; Ctrl-C is exit
 code 130.
@@ -292,6 +292,45 @@ def methods() -> None:
     )
 
 
+@app.command()
+def sweep(
+    study: Annotated[Path, typer.Argument(help="A TOML file; see docs/sweeps.md.")],
+    store: Annotated[
+        Path | None, typer.Option(help="Where results go. Not given: as the study says.")
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=0, help="Processes that measure; 0: this one. A crash of one is a row."),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="A Dask scheduler whose workers measure.", metavar="ADDRESS"),
+    ] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Measure failed cases again.")] = False,
+) -> None:
+    """Measure all cases of a study; what is in its store already is skipped.
+
+    Ctrl-C, and any other end, leaves a store that the same command goes on with.
+    """
+    from softshadow.sweep import pools
+    from softshadow.sweep import sweep as measure
+    from softshadow.sweep.study import read_study
+
+    found = read_study(study)
+    path = found.store if store is None else store
+    try:
+        count = found.workers if workers is None else workers
+        with pools.processes(count) if cluster is None else pools.cluster(cluster) as executor:
+            table = measure(found.cases, path, executor, retry=retry, **found.options)
+    except KeyboardInterrupt:
+        typer.echo(f"\ninterrupted; the same command goes on with {path}", err=True)
+        raise
+    failed = table[table["error"].notna()]
+    for label, scene, error in failed[["label", "scene", "error"]].itertuples(index=False):
+        typer.echo(f"failed: {label} on {scene}: {error}", err=True)
+    typer.echo(f"{path}: {len(table)} cases, {len(failed)} failed")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code.
 
@@ -306,7 +345,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = app(given, prog_name="softshadow", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
-    except (ValueError, OSError, MemoryError) as error:
+    except (ValueError, OSError, MemoryError, ModuleNotFoundError) as error:
         return _fail(str(error))
     except Exception as error:
         # Wrong arguments. Typer has its own copy of Click or uses the installed one, by version, so
