@@ -7,6 +7,7 @@ import contextlib
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import threading
 import time
@@ -126,7 +127,9 @@ def test_a_grandchild_works_and_a_child_has_threads_of_its_own():
     assert np.array_equal(grand, expected)
     assert np.array_equal(own, expected)
     for found in (its, names):
-        assert sum(name.startswith("softshadow") for name in found) == ss.thread_count()
+        # Those of the pool; the kernel's own thread may still be on its way to its end.
+        pool = [name for name in found if re.fullmatch(r"softshadow \d+", name)]
+        assert len(pool) == ss.thread_count()
 
 
 def _names_of_threads():
