@@ -170,7 +170,7 @@ def test_a_fork_while_another_thread_renders_is_an_error_or_works():
     started = threading.Event()
 
     large = ss.Camera((0, -4, 3), (0, 0, 0.3), width=1024, height=1024)
-    slow = ss.RayTraced(samples=1024, cull=False)
+    slow = ss.prepare(scene, LIGHT, ss.RayTraced(samples=1024, cull=False))
     stop = threading.Event()
 
     def busy():
@@ -178,12 +178,13 @@ def test_a_fork_while_another_thread_renders_is_an_error_or_works():
             pass
 
         def progress(fraction):
-            started.set()
+            if fraction > 0:  # 0 is told before the kernel starts
+                started.set()
             if stop.is_set():
                 raise _Enough
 
         with contextlib.suppress(_Enough):
-            ss.render(scene, large, LIGHT, slow, progress)
+            slow.render(large, progress)
 
     thread = threading.Thread(target=busy)
     thread.start()
