@@ -27,9 +27,6 @@ def _cases():
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 121), np.linspace(0, np.pi, 121))
     r = 0.8 * (1 + 0.15 * np.sin(6 * u) * np.sin(v) ** 2 * np.sin(5 * v))
     x = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), r * np.cos(v) + 1.1], -1)
-    i = np.arange(121 * 121).reshape(121, 121)
-    a, b, c, d = i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]
-    faces = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ([a, d, c], [a, c, b])])
     ground = (np.array([[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0.0]]), [[0, 1, 2], [0, 2, 3]])
 
     def scene(mesh, opacity):
@@ -38,7 +35,7 @@ def _cases():
         out.add(mesh, "body", opacity=opacity)
         return out
 
-    solid, translucent = (scene((x.reshape(-1, 3), faces), o) for o in (1.0, 0.5))
+    solid, translucent = (scene((x.reshape(-1, 3), _grid_faces(121)), o) for o in (1.0, 0.5))
     coarse = scene((x[::10, ::10].reshape(-1, 3), _grid_faces(13)), 1.0)
     rect = ss.RectLight((1, 0.5, 4), (0, 0.6, 0), (0.6, 0, 0))
     ball = ss.SphereLight((1, 0.5, 4), 0.3)

@@ -154,8 +154,8 @@ class Camera:
 
     def _key(self) -> tuple[bytes, bytes, int, int]:
         # Adding 0 makes a negative zero a positive one, which it equals.
-        matrices = ((m + 0.0).tobytes() for m in (self.K, self.camera_to_world))
-        return (*matrices, self.width, self.height)  # type: ignore[return-value]
+        intrinsics, pose = ((m + 0.0).tobytes() for m in (self.K, self.camera_to_world))
+        return intrinsics, pose, self.width, self.height
 
     def __eq__(self, other: object) -> bool:
         return self._key() == other._key() if isinstance(other, Camera) else NotImplemented

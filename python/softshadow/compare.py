@@ -16,7 +16,7 @@ from softshadow._core import UnsupportedError
 from softshadow.arguments import Bar, Progress
 from softshadow.budget import Budget, affordable_reference, in_rounds
 from softshadow.camera import Camera
-from softshadow.extras import needs
+from softshadow.extras import require
 from softshadow.light import LightLike
 from softshadow.methods import Method, MethodLike, RayTraced, method_names, resolve
 from softshadow.parallel import thread_count
@@ -134,11 +134,7 @@ def compare(
     True
     """
     start = time.perf_counter()
-    with needs("metrics", "compare"):  # all of them now, rather than after the last picture
-        import flip_evaluator  # noqa: F401
-        import pandas  # noqa: F401
-        import skimage.metrics  # noqa: F401
-
+    require("metrics", "compare", "flip_evaluator", "pandas", "skimage.metrics")
     repeats = checks.integer(repeats, "repeats", 1, 1_000_000)
     if isinstance(methods, (str, Method)):
         raise TypeError("methods: expected a sequence of methods; put a single one in a list")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 
-__all__ = ["needs"]
+__all__ = ["needs", "require"]
 
 
 @contextmanager
@@ -35,3 +36,23 @@ def needs(extra: str, what: str) -> Iterator[None]:
             f'{what} needs {package}, which is not installed: pip install "softshadow[{extra}]"',
             name=found or None,
         ) from error
+
+
+def require(extra: str, what: str, *modules: str) -> None:
+    """Import modules now, so that what is missing is said before any work is done.
+
+    Parameters
+    ----------
+    extra, what : str
+        As of `needs`.
+    *modules : str
+        Their names.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If one is missing.
+    """
+    with needs(extra, what):
+        for module in modules:
+            import_module(module)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks
-from softshadow.extras import needs
+from softshadow.extras import require
 
 __all__ = ["auto_exposure", "check_path", "to_srgb", "write"]
 
@@ -116,11 +116,8 @@ def check_path(path: str | os.PathLike[str]) -> Path:
         raise IsADirectoryError(f"{file}: is a folder")
     if not os.access(file if file.exists() else file.parent, os.W_OK):
         raise PermissionError(f"{file}: no permission to write")
-    with needs("io", f"writing a {file.suffix} file"):
-        if file.suffix.lower() == ".png":
-            import imageio.v3  # noqa: F401
-        elif file.suffix.lower() == ".exr":
-            import OpenEXR  # noqa: F401
+    writers = {".png": ["imageio.v3"], ".exr": ["OpenEXR"]}
+    require("io", f"writing a {file.suffix} file", *writers.get(file.suffix.lower(), []))
     return file
 
 

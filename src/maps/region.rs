@@ -390,7 +390,6 @@ mod tests {
     use crate::casters::Casters;
     use crate::control::Control;
     use crate::geometry::entry::Material;
-    use crate::maps::layers::compress::Compression;
     use crate::maps::layers::construction::{Layers, layer_map};
     use crate::maps::layers::views::light_views;
     use crate::scene::Scene;
@@ -419,16 +418,7 @@ mod tests {
         let light = light.to_local(&geometry.frame);
         let casters = Casters::new("pcf", geometry, false).unwrap();
         let views = light_views(&light, &casters, 128).unwrap();
-        let layers = Layers {
-            count: 1,
-            of: 1,
-            compression: Compression {
-                error: 0.0,
-                threshold: 0.0,
-                resets: 0,
-            },
-            opaque: true,
-        };
+        let layers = Layers::opaque(1);
         let view = views.groups.into_iter().flatten().next().unwrap();
         let map = layer_map(view, &casters, &layers, &Control::default()).unwrap();
         (map, light)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from softshadow import fronts
 from softshadow.compare import Comparison
-from softshadow.extras import needs
+from softshadow.extras import require
 from softshadow.render import Image
 
 if TYPE_CHECKING:
@@ -83,13 +83,11 @@ def report(
         raise ValueError(f"{file}: expected a name that ends in .html")
     if not file.parent.is_dir():
         raise FileNotFoundError(f"{file}: there is no folder {file.parent}")
-    with needs("plot", "report"):
-        import matplotlib  # noqa: F401
-    with needs("metrics", "report"):
-        import pandas  # noqa: F401
+    require("plot", "report", "matplotlib")
+    require("metrics", "report", "pandas")
+    from softshadow.machine import machine_facts
     from softshadow.report import sections
     from softshadow.report.html import definitions, page
-    from softshadow.report.machine import machine_facts
     from softshadow.report.tables import one_table, pictures_of
 
     comparisons: dict[str, Comparison] = {}

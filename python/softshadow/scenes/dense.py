@@ -14,7 +14,7 @@ import numpy.typing as npt
 import trimesh
 
 from softshadow.camera import Camera
-from softshadow.extras import needs
+from softshadow.extras import require
 from softshadow.kernels import curve_tubes
 from softshadow.scene import Scene
 from softshadow.scenes.models import stanford_bunny
@@ -188,9 +188,8 @@ def statue(
     FileNotFoundError
         If the model is not installed.
     """
-    with needs("scenes", "the statue"):
-        import scipy.sparse  # noqa: F401 (trimesh sums normals in another order without)
-
+    # Without, trimesh sums normals in another order.
+    require("scenes", "the statue", "scipy.sparse")
     vertices, faces = stanford_bunny()
     for _ in range(subdivisions):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)

@@ -103,7 +103,8 @@ class Reference:
         samples = min(self._most, before * _GROWTH or _FIRST)
         seed = int(getattr(self._method, "seed", 0))
         seeds = (seed, (seed + 1) % 2**64)
-        return tuple(replace(self._method, samples=samples, seed=s) for s in seeds)  # type: ignore[call-arg]
+        sampled: Any = self._method  # one of those with both parameters
+        return tuple(replace(sampled, samples=samples, seed=s) for s in seeds)
 
     def take(self, methods: tuple[Method, ...], outcome: Outcome) -> None:
         """Keep what the methods' pictures make."""

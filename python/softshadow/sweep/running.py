@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from softshadow import checks
 from softshadow.arguments import Bar, Progress
 from softshadow.camera import Camera
-from softshadow.extras import needs
+from softshadow.extras import require
 from softshadow.light import LightLike
 from softshadow.methods import MethodLike, resolve
 from softshadow.sweep.cases import Case, Made, made, resolved
@@ -122,11 +122,7 @@ def sweep(
     >>> bool(table["rmse"][0] > table["rmse"][1])
     True
     """
-    with needs("sweep", "a sweep"):  # all of them now, rather than after the first picture
-        import flip_evaluator  # noqa: F401
-        import pyarrow  # noqa: F401
-        import skimage.metrics  # noqa: F401
-
+    require("sweep", "a sweep", "flip_evaluator", "pyarrow", "skimage.metrics")
     asked = list(cases)
     for case in asked:
         if not isinstance(case, Case):

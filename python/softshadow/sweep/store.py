@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from softshadow.extras import needs
 from softshadow.sweep import columns
@@ -200,13 +199,13 @@ class Store:
         """Return where a reference is."""
         return self.path / "_references" / f"{key}.npz"
 
-    def save(self, path: Path, **arrays: npt.ArrayLike) -> None:
+    def save(self, path: Path, **arrays: Any) -> None:
         """Write arrays to an ``.npz`` file, whole or not at all."""
         path.parent.mkdir(parents=True, exist_ok=True)
         new = path.with_name(f"_new-{os.getpid()}-{path.name}")
         try:
             with open(new, "wb") as stream:
-                np.savez(stream, **arrays)  # type: ignore[arg-type]
+                np.savez(stream, **arrays)
                 _to_disk(stream.fileno())
             os.replace(new, path)
         finally:

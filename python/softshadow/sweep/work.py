@@ -28,6 +28,7 @@ from softshadow._core import __version__
 from softshadow.camera import Camera
 from softshadow.entries import Mesh, Spheres
 from softshadow.light import LightLike
+from softshadow.machine import processor
 from softshadow.methods import Method
 from softshadow.render import prepare
 from softshadow.scene import scene_of
@@ -140,10 +141,11 @@ def _scene(name: str, source: Entries | str) -> Entries | None:
             if isinstance(source, str):
                 try:
                     with open(source, "rb") as stream:
-                        source = pickle.load(stream)
+                        _scenes[name] = pickle.load(stream)
                 except OSError:  # this is another machine
                     return None
-            _scenes[name] = source  # type: ignore[assignment]
+            else:
+                _scenes[name] = source
         _scenes.move_to_end(name)
         while len(_scenes) > _MOST_SCENES:
             _scenes.popitem(last=False)
@@ -178,14 +180,7 @@ def _where() -> dict[str, Any]:
 @cache
 def machine() -> str:
     """Return what rows call this machine: its name, processor and number of cores."""
-    model = platform.processor() or platform.machine()
-    try:
-        with open("/proc/cpuinfo") as stream:
-            lines = [line for line in stream if line.startswith("model name")]
-            model = lines[0].partition(":")[2].strip() if lines else model
-    except OSError:
-        pass
-    return f"{platform.node()}: {model}, {os.cpu_count()} cores"
+    return f"{platform.node()}: {processor()}, {os.cpu_count()} cores"
 
 
 def _dask_worker() -> str | None:

@@ -34,6 +34,23 @@ pub struct Layers {
     pub opaque: bool,
 }
 
+impl Layers {
+    /// The nearest `count` surfaces, all of them opaque.
+    pub fn opaque(count: usize) -> Self {
+        Layers {
+            count,
+            of: count,
+            // Not used: nothing is transparent.
+            compression: Compression {
+                error: 0.0,
+                threshold: 0.0,
+                resets: 0,
+            },
+            opaque: true,
+        }
+    }
+}
+
 /// Draws the map of a view; a step a tile.
 ///
 /// # Errors

@@ -23,7 +23,6 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::far::REACH;
 use crate::light::Light;
-use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::Layers;
 use crate::maps::region::{Region, RegionScratch, Texel};
 use crate::method::{Method, Prepared};
@@ -65,17 +64,7 @@ impl Method for Pcf {
         control: &Control,
     ) -> Result<Box<dyn Prepared>> {
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
-        let layers = Layers {
-            count: self.settings.layers as usize,
-            of: self.settings.layers as usize,
-            // Not used: all layers are opaque.
-            compression: Compression {
-                error: 0.0,
-                threshold: 0.0,
-                resets: 0,
-            },
-            opaque: true,
-        };
+        let layers = Layers::opaque(self.settings.layers as usize);
         let filter = ("shadow map", hide as Hide);
         let prepared =
             PreparedFilter::new(&casters, lights, &self.settings, &layers, filter, control)?;

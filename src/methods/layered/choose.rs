@@ -12,7 +12,6 @@ use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::Result;
 use crate::light::Light;
-use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::views::light_views;
 
@@ -48,16 +47,7 @@ pub fn resolution(casters: &Casters) -> u32 {
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
 pub fn layers(light: &Light, casters: &Casters, control: &Control) -> Result<usize> {
-    let kept = Layers {
-        count: MOST,
-        of: MOST,
-        compression: Compression {
-            error: 0.0,
-            threshold: 0.0,
-            resets: 0,
-        },
-        opaque: true,
-    };
+    let kept = Layers::opaque(MOST);
     let mut most = 1;
     let views = light_views(light, casters, COARSE)?;
     for view in views.groups.into_iter().flatten() {

@@ -29,7 +29,6 @@ use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::maps::RESOLUTIONS;
-use crate::maps::layers::compress::Compression;
 use crate::maps::layers::construction::{Layers, layer_map};
 use crate::maps::layers::map::LayerMap;
 use crate::maps::layers::views::light_views;
@@ -165,17 +164,7 @@ impl Method for Mvsm {
     ) -> Result<Box<dyn Prepared>> {
         let frame = geometry.frame;
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
-        let layers = Layers {
-            count: 1,
-            of: 1,
-            // Not used: all layers are opaque.
-            compression: Compression {
-                error: 0.0,
-                threshold: 0.0,
-                resets: 0,
-            },
-            opaque: true,
-        };
+        let layers = Layers::opaque(1);
         let start = Instant::now();
         let pattern = Pattern::new(self.samples as usize, self.seed);
         let mut found = Vec::with_capacity(lights.len());

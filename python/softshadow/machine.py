@@ -12,13 +12,13 @@ import numpy as np
 from softshadow import _core
 from softshadow.parallel import thread_count
 
-__all__ = ["machine_facts"]
+__all__ = ["machine_facts", "processor"]
 
 
 def machine_facts() -> dict[str, str]:
     """Return what this machine and this process are: processor, system, versions, time."""
     return {
-        "processor": f"{_processor()}, {os.cpu_count()} hardware threads",
+        "processor": f"{processor()}, {os.cpu_count()} hardware threads",
         "threads a call": f"{thread_count()}",
         "vectors": _core.simd_level(),
         "system": platform.platform(terse=True),
@@ -28,7 +28,7 @@ def machine_facts() -> dict[str, str]:
     }
 
 
-def _processor() -> str:
+def processor() -> str:
     """Return the processor's name as the system tells it; Linux tells it in a file only."""
     file = Path("/proc/cpuinfo")
     if file.exists():
