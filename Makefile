@@ -8,7 +8,7 @@ EXTRAS := plot,metrics,io,cli,sweep,cluster,bake,scenes,mitsuba
 PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels aarch64 clean
+.PHONY: demo docs test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels aarch64 clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -28,6 +28,16 @@ $(STAMP): $(VENV)/.tools $(SOURCES)
 BUDGET ?= 40
 demo: $(STAMP)
 	$(BIN)/python examples/demo.py demo --budget $(BUDGET)
+
+$(VENV)/.docs: $(STAMP) requirements-docs.txt
+	$(BIN)/python -m pip install --quiet -r requirements-docs.txt
+	touch $@
+
+## Builds the documentation site, site/html/index.html, offline; warnings and links that lead nowhere are errors.
+docs: $(VENV)/.docs
+	rm -rf site docs/api
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --jobs 2 -c docs -d site/doctrees . site/html
+	$(BIN)/python docs/check_site.py site/html
 
 ## Runs every test, Rust and Python, but long studies.
 test: test-rust test-python
@@ -61,8 +71,8 @@ lint-rust:
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --document-private-items --quiet
 
 lint-python: $(STAMP)
-	$(BIN)/ruff format --check python tests benches examples
-	$(BIN)/ruff check python tests benches examples
+	$(BIN)/ruff format --check python tests benches examples docs/*.py
+	$(BIN)/ruff check python tests benches examples docs/*.py
 	$(BIN)/mypy
 	$(BIN)/stubtest softshadow._core
 
@@ -96,4 +106,4 @@ wheels: $(VENV)/.tools
 	ls -l dist
 
 clean:
-	rm -rf $(VENV) target demo dist
+	rm -rf $(VENV) target demo dist site docs/api

@@ -13,15 +13,17 @@ import numpy as np
 import pandas as pd
 import pytest
 import softshadow as ss
+import trimesh
 from softshadow.scenes import stanford_bunny_path
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+HOW_TO = sorted((ROOT / "docs" / "how_to").glob("[!R]*.md"))
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
 
 
-def _blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.M | re.S)
+def _blocks(language, page=README):
+    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.M | re.S)
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +90,22 @@ def test_the_python(shell, folder, monkeypatch, capsys):
     errors = table.set_index(["light", "label"])["rmse"]
     for light in ("radius 4", "radius 14"):
         assert errors[light, "wedges"] < errors[light, "hard"]
+
+
+@pytest.mark.parametrize("path", HOW_TO, ids=lambda path: path.stem)
+def test_the_code_of_how_to_pages(path, tmp_path, monkeypatch, capsys):
+    if path.stem == "mitsuba":
+        pytest.importorskip("mitsuba", reason="the optional extra")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in _blocks("python", path.read_text()):
+        exec(compile(block, path.name, "exec"), names)
+    assert capsys.readouterr().out
+    if path.stem == "bake":
+        floor = trimesh.load(tmp_path / "room.glb").geometry["floor"]
+        picture = np.asarray(floor.visual.material.emissiveTexture)
+        assert picture[128, 128].max() == 0  # under the box
+        assert picture[-1, -1].min() > 50
 
 
 def test_every_method_has_a_page_and_a_row():

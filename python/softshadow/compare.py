@@ -96,8 +96,8 @@ def compare(
         that cannot do this scene, which `Comparison.skipped` then lists.
     reference : str, method or Image, optional
         A method to render the reference with, or an image of the same camera and lights, from
-        anywhere. When not given, `DEFAULT_REFERENCE`: ``ray_traced`` with 1024 samples, and a seed
-        of its own, so that its noise is independent of the methods'.
+        anywhere. When not given: ``ray_traced`` with 1024 samples, and a seed of its own, so that
+        its noise is independent of the methods'.
     repeats : int
         How often each method is prepared and rendered, at least 1.
     progress : bool or callable

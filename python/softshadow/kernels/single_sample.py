@@ -35,9 +35,9 @@ def outer_distances(
     """Return ``tau`` of single sample soft shadows (Parker, Shirley and Smits 1998) at points.
 
     That is how far the shadow ray to the light's centre passes from the nearest occluder, 1 where
-    the outer object of that ends: ``d A / (a D)`` for an occluder's point at distance `a` along the
-    ray and `d` off it, a light of diameter `D` at distance `A`. `attenuation` turns it into
-    visibility.
+    the outer object of that ends: ``d A / (a D)`` for an occluder's point at distance ``a`` along
+    the ray and ``d`` off it, a light of diameter ``D`` at distance ``A``. `attenuation` turns it
+    into visibility.
 
     Parameters
     ----------

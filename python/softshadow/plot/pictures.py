@@ -73,9 +73,9 @@ def compare(
 ) -> Figure:
     """Draw two images side by side with their signed difference ``a - b``.
 
-    Red is where `a` is brighter, blue where it is darker, white where they are equal. The
+    Red is where ``a`` is brighter, blue where it is darker, white where they are equal. The
     difference's title gives the mean absolute, root mean square, largest absolute and mean signed
-    error of `a` against `b`, over the pixels where a surface was hit (all pixels, for arrays).
+    error of ``a`` against ``b``, over the pixels where a surface was hit (all pixels, for arrays).
 
     Parameters
     ----------

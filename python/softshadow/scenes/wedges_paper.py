@@ -248,7 +248,7 @@ def two_lights(
     Returns
     -------
     Setup
-        With two `lights`.
+        With two `Setup.lights`.
     """
     scene = Scene()
     scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
