@@ -116,6 +116,7 @@ def test_every_method_has_a_page_and_a_row():
         for parameter in method.method.parameters():
             assert f"`{parameter}`" in page, (name, parameter)
         assert re.search(rf"^\| `{name}` \| `{type(method.method).__name__}` ", README, re.M)
+        assert "``docs/methods/" in type(method.method).__doc__
 
 
 def test_links_lead_somewhere():

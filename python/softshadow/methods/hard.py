@@ -15,7 +15,7 @@ class Hard(Method):
     """Hard shadows: one shadow ray to the light's centre.
 
     Visibility is the transmittance along that ray, capped by the part of the light above the
-    receiver's tangent plane.
+    receiver's tangent plane. See ``docs/methods/hard.md``.
     """
 
     name: ClassVar[str] = "hard"

@@ -14,6 +14,8 @@ __all__ = ["RayTraced"]
 class RayTraced(Method):
     """The reference: stratified light samples traced against a bounding volume hierarchy.
 
+    See ``docs/methods/ray_traced.md``.
+
     Parameters
     ----------
     samples : int

@@ -14,7 +14,8 @@ __all__ = ["ShadowVolume", "Wedges"]
 class ShadowVolume(Method):
     """Hard shadows by shadow volumes: layers between light and surface, counted along view rays.
 
-    The case of a light of radius zero of `Wedges`: visibility of the light's centre.
+    The case of a light of radius zero of `Wedges`: visibility of the light's centre. See
+    ``docs/methods/shadow_volume.md``.
 
     Parameters
     ----------
