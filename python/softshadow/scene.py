@@ -41,8 +41,8 @@ class Scene:
     """Meshes, curves and spheres that cast and receive shadows.
 
     What `render` builds for a scene (adjacency, bounding volume hierarchy) is kept with it, and
-    rebuilt or refitted where it changes. Scenes can be pickled; ``copy.copy``, ``copy.deepcopy`` and
-    `copy` make independent ones. A scene equals itself only, since it can change.
+    rebuilt or refitted where it changes. Scenes can be pickled; ``copy.copy``, ``copy.deepcopy``
+    and `copy` make independent ones. A scene equals itself only, since it can change.
 
     Examples
     --------
