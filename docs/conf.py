@@ -12,6 +12,7 @@ from pathlib import Path
 
 import softshadow as ss
 from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 from numpydoc.xref import DEFAULT_LINKS
 from softshadow import framing, images
 from sphinx.addnodes import pending_xref
@@ -21,6 +22,7 @@ from sphinx.environment import BuildEnvironment
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
+from sphinx.writers.html5 import HTML5Translator
 
 API = (ss, ss.kernels, ss.metrics, ss.mitsuba, ss.plot, ss.scenes, framing, images)
 
@@ -63,21 +65,32 @@ autodoc_typehints = "none"  # docstrings have them, with shapes
 numpydoc_show_class_members = False  # the class template does
 numpydoc_xref_param_type = True
 numpydoc_xref_aliases = {word: word for word in DEFAULT_LINKS} | {
-    name: f"softshadow.{name}" for name in ss.__all__ if inspect.isclass(getattr(ss, name))
+    name: f"{module.__name__}.{name}"
+    for module in API
+    for name in module.__all__
+    if inspect.isclass(getattr(module, name))
 }
 numpydoc_xref_ignore = "all"  # types of Python and of other packages stay words
 
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3  # as GitHub makes them
 nb_execution_mode = "off"  # notebooks are committed with their outputs, and the tests run them
 nb_ipywidgets_js: dict[str, str] = {}  # nothing from the network
 
+html_math_renderer = "mathml"  # of browsers, where MathJax would be loaded
 html_theme = "pydata_sphinx_theme"
 html_title = "softshadow"
 html_show_sourcelink = False
 html_copy_source = False
 html_extra_path = ["redirect"]
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_sidebars: dict[str, list[str]] = {  # pages with nothing below them
+    f"docs/{page}": [] for page in ("concepts", "hard_cases", "overview", "study")
+}
 html_theme_options = {
     "github_url": REPOSITORY,
+    "header_links_before_dropdown": 9,
     "navigation_with_keys": False,
     "show_prev_next": False,
 }
@@ -103,8 +116,6 @@ def links_within(text: str) -> str:
 
 def read_page(app: Sphinx, docname: str, source: list[str]) -> None:
     """Keep links of a page within the site, and put pages below it."""
-    if docname.startswith("docs/api/") or docname.startswith("notebooks/"):
-        return
     source[0] = links_within(source[0])
     if docname in BELOW:
         pages = "\n".join(BELOW[docname])
@@ -182,6 +193,13 @@ class CodeLinks(SphinxTransform):
         return ("py", "obj", f"softshadow.{text}") if inspect.isclass(vars(ss).get(text)) else None
 
 
+def write_formula(translator: HTML5Translator, node: nodes.math | nodes.math_block) -> None:
+    """Write a formula as MathML."""
+    block = isinstance(node, nodes.math_block)
+    translator.body.append(tex2mathml(node.astext(), as_block=block))
+    raise nodes.SkipNode
+
+
 def check_api(app: Sphinx, env: BuildEnvironment) -> None:
     """Warn of public names that have no entry."""
     python = env.get_domain("py")
@@ -195,6 +213,7 @@ def check_api(app: Sphinx, env: BuildEnvironment) -> None:
 
 def setup(app: Sphinx) -> None:
     """Register what this site adds to Sphinx."""
+    app.add_html_math_renderer("mathml", (write_formula, None), (write_formula, None))
     app.connect("env-check-consistency", check_api)
     app.connect("missing-reference", short_names)
     app.add_transform(CodeLinks)
