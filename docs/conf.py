@@ -110,7 +110,7 @@ def links_within(text: str) -> str:
     """Return a page with its links to GitHub, to folders and to the README kept within the site."""
     text = re.sub(rf"{REPOSITORY}/(?:blob|tree)/main/", "/", text)
     text = text.replace("https://raw.githubusercontent.com/softshadow/softshadow/main/", "/")
-    text = re.sub(r"\]\((\S*docs/methods)\)", r"](\1/README.md)", text)
+    text = re.sub(r"\]\((\S*docs/(?:methods|how_to|development))\)", r"](\1/README.md)", text)
     return re.sub(r"\]\((?:\.\./)+README\.md", "](/docs/overview.md", text)
 
 
