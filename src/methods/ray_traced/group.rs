@@ -5,9 +5,9 @@
 
 use glam::Vec3;
 
-use super::MOST_EDGES;
 use super::grid::Cells;
 use super::project::{Images, Viewers};
+use super::{EDGES_A_SAMPLE, MOST_EDGES};
 use crate::bvh::TriangleBvh;
 use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
 use crate::geometry::Geometry;
@@ -28,8 +28,41 @@ pub(super) enum SearchResult {
     All,
     /// There are too many; halving the receivers at this coordinate of this axis may help.
     Split(usize, f64),
-    /// Culling does not pay or apply here.
+    /// There are too many, and halving the receivers would not help.
+    TooMany,
+    /// Culling does not apply here.
     NotHere,
+}
+
+/// For how many groups at most [`Pause`] lasts: so many that searching costs little where all groups have
+/// too many edges, and that all of them are one row of an image.
+const LONGEST_PAUSE: u32 = 16;
+
+/// When not to search for edges: a while after groups that had too many, whose neighbours have so, too.
+/// It doubles with each of them.
+#[derive(Debug, Default)]
+pub(super) struct Pause {
+    left: u32,
+    length: u32,
+}
+
+impl Pause {
+    /// Whether it is over; the group that asks is one of those that it lasts for.
+    pub(super) fn is_over(&mut self) -> bool {
+        let over = self.left == 0;
+        self.left = self.left.saturating_sub(1);
+        over
+    }
+
+    /// Takes what became of a search.
+    pub(super) fn searched(&mut self, too_many: bool) {
+        self.length = if too_many {
+            (2 * self.length).clamp(1, LONGEST_PAUSE)
+        } else {
+            0
+        };
+        self.left = self.length;
+    }
 }
 
 /// What a receiver sees of the edges before the light.
@@ -84,11 +117,12 @@ impl Group {
         if spheres.is_some_and(|s| s.tree.any_leaf(|node| shaft.meets(node))) {
             return SearchResult::NotHere;
         }
+        let most = (EDGES_A_SAMPLE * sampler.len()).min(MOST_EDGES);
         let transparent = occluders.transparent.as_ref().map(|(bvh, _)| bvh);
         let found = [Some(&occluders.opaque), transparent]
             .into_iter()
             .flatten()
-            .all(|bvh| self.collect_from(geometry, bvh, &shaft));
+            .all(|bvh| self.collect_from(geometry, bvh, &shaft, most));
         if found {
             self.viewers.set(&self.views, origins);
             self.viewers.project(&self.edges, &mut self.images);
@@ -103,13 +137,20 @@ impl Group {
             let middle = 0.5 * (low[axis] + high[axis]);
             return SearchResult::Split(axis, f64::from(middle));
         }
-        SearchResult::NotHere
+        SearchResult::TooMany
     }
 
-    fn collect_from(&mut self, geometry: &Geometry, bvh: &TriangleBvh, shaft: &Shaft) -> bool {
+    /// Adds the edges of one hierarchy; false where there would be more than `most` in all.
+    fn collect_from(
+        &mut self,
+        geometry: &Geometry,
+        bvh: &TriangleBvh,
+        shaft: &Shaft,
+        most: usize,
+    ) -> bool {
         let outline = bvh.outline(geometry);
         let nodes = &bvh.tree.nodes;
-        outline.candidates(nodes, shaft, MOST_EDGES, &mut self.stack, &mut self.edges)
+        outline.candidates(nodes, shaft, most, &mut self.stack, &mut self.edges)
     }
 
     /// What edges cover of the light that receiver `k` sees.
