@@ -1,0 +1,205 @@
+"""The collection of hard cases, and what methods make of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from softshadow import metrics
+from softshadow._core import UnsupportedError
+from softshadow.arguments import Bar, Progress
+from softshadow.compare import Comparison, label_of, parameters_text
+from softshadow.extras import needs
+from softshadow.methods import (
+    Accumulation,
+    Convolution,
+    DeepShadow,
+    Method,
+    MethodLike,
+    Mlsm,
+    Mtsm,
+    Mvsm,
+    Pcf,
+    Slsm,
+    Ssoc,
+    method_names,
+    resolve,
+)
+from softshadow.render import Image, render
+from softshadow.scenes.hard_cases.case import REFERENCE, Answer, HardCase
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["HardCases"]
+
+_SMALLER: dict[str, Method] = {
+    m.name: m
+    for m in (
+        Accumulation(samples=64),
+        Convolution(max_size=256),
+        DeepShadow(resolution=512),
+        Mlsm(resolution=512),
+        Mtsm(resolution=512),
+        Mvsm(resolution=256),
+        Pcf(resolution=512),
+        Slsm(resolution=512),
+        Ssoc(resolution=512),
+    )
+}
+"""Maps and textures that suit pictures of `SIZE`, and take a tenth of a second for a light."""
+
+
+class HardCases(Mapping[str, HardCase]):
+    """Hard cases by name; `softshadow.scenes.hard` is the one there is.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> case = ss.scenes.hard["half_plane"]
+    >>> answer = case.answer()
+    >>> image = ss.render(answer.setup.scene, answer.setup.camera, answer.setup.lights, "wedges")
+    >>> answer.error(image) < case.tolerance("wedges")
+    True
+    """
+
+    def __init__(self, cases: Iterable[HardCase]) -> None:
+        self._cases = {case.name: case for case in cases}
+
+    def __getitem__(self, name: str) -> HardCase:
+        """Return a case by its name."""
+        try:
+            return self._cases[name]
+        except KeyError:
+            known = ", ".join(self._cases)
+            raise KeyError(f"no hard case {name!r}; there are {known}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._cases)
+
+    def __len__(self) -> int:
+        return len(self._cases)
+
+    def __repr__(self) -> str:
+        return f"HardCases({', '.join(self._cases)})"
+
+    @property
+    def methods(self) -> dict[str, Method]:
+        """All methods by name, at the settings for which tolerances hold."""
+        return {name: _SMALLER.get(name) or resolve(name) for name in method_names()}
+
+    def compare(
+        self,
+        names: Iterable[str] | None = None,
+        methods: Iterable[MethodLike] | None = None,
+        progress: Progress = False,
+    ) -> dict[str, Comparison]:
+        """Render hard cases by several methods.
+
+        The result is what `softshadow.report` and, case by case, `softshadow.plot.strip` take.
+
+        Parameters
+        ----------
+        names : iterable of str, optional
+            Of the cases; all when not given.
+        methods : iterable of str or method, optional
+            All of `methods` when not given.
+        progress : bool or callable
+            ``True`` for a progress bar, or a function that is told the finished fraction.
+
+        Returns
+        -------
+        dict of str to Comparison
+            By case. Tables have the columns ``method``, ``parameters``, ``prepare_seconds``,
+            ``frame_seconds``, ``penumbra_mae``, ``shadow_error`` (`Answer.error`), ``tolerance``
+            (NaN at settings other than those of `methods`) and ``excuse``. Methods that refuse a
+            case are in `Comparison.skipped`.
+        """
+        chosen = list(self._cases if names is None else names)
+        given = self.methods.values() if methods is None else [resolve(m) for m in methods]
+        found = {}
+        with Bar(progress, "hard cases") as tell:
+            for i, name in enumerate(chosen):
+                found[name] = self._compared(self[name], list(given))
+                if tell:
+                    tell((i + 1) / len(chosen))
+        return found
+
+    def _compared(self, case: HardCase, methods: list[Method]) -> Comparison:
+        with needs("metrics", "hard.compare"):
+            import pandas as pd
+
+        answer = case.answer()
+        setup = answer.setup
+        rows, images, skipped = [], {}, {}
+        for method in methods:
+            label = label_of(method)
+            try:
+                image = render(setup.scene, setup.camera, setup.lights, method)
+            except UnsupportedError as error:
+                skipped[label] = str(error)
+                continue
+            images[label] = image
+            rows.append(self._row(case, answer, method, image))
+        by = None if case.closed_form else REFERENCE
+        return Comparison(pd.DataFrame(rows), images, answer.image, skipped, by)
+
+    def _row(
+        self, case: HardCase, answer: Answer, method: Method, image: Image
+    ) -> dict[str, object]:
+        excuse = case.excuses.get(method.name)
+        exact = answer.image.visibility
+        partly = metrics.penumbra_mask(exact, where=answer.where)
+        same = method == self.methods[method.name]
+        return {
+            "method": method.name,
+            "parameters": parameters_text(method),
+            "prepare_seconds": image.seconds["prepare"],
+            "frame_seconds": image.seconds["frame"],
+            "penumbra_mae": metrics.mae(image.visibility, exact, partly)
+            if partly.any()
+            else math.nan,
+            "shadow_error": answer.error(image),
+            "tolerance": case.tolerance(method.name) if same else math.nan,
+            "excuse": "" if excuse is None else excuse.reason,
+        }
+
+    def table(
+        self,
+        names: Iterable[str] | None = None,
+        methods: Iterable[MethodLike] | None = None,
+        progress: Progress = False,
+    ) -> pd.DataFrame:
+        """Return one row for each case and method, those that refuse it included.
+
+        Parameters
+        ----------
+        names, methods, progress
+            As of `compare`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns of `compare` after ``scene``, and ``refused``: what a method said that
+            refused the scene, or an empty text.
+        """
+        with needs("metrics", "hard.table"):
+            import pandas as pd
+
+        tables = []
+        for name, result in self.compare(names, methods, progress).items():
+            refused = pd.DataFrame(
+                [
+                    {"method": method, "excuse": self._reason(name, method), "refused": said}
+                    for method, said in result.skipped.items()
+                ]
+            )
+            both = pd.concat([result.table.assign(refused=""), refused], ignore_index=True)
+            tables.append(both.assign(scene=name))
+        joined: pd.DataFrame = pd.concat(tables, ignore_index=True)
+        return joined[["scene", *(c for c in joined.columns if c != "scene")]]
+
+    def _reason(self, name: str, label: str) -> str:
+        excuse = self[name].excuses.get(label.partition("(")[0])
+        return "" if excuse is None else excuse.reason
