@@ -17,7 +17,7 @@ from softshadow.methods import RayTraced
 from softshadow.render import Image, render
 from softshadow.scenes.staging import Setup
 
-__all__ = ["MARGIN", "REFERENCE", "RIGHT", "SIZE", "Answer", "Excuse", "HardCase"]
+__all__ = ["MARGIN", "REFERENCE", "RIGHT", "ROUNDING", "SIZE", "Answer", "Excuse", "HardCase"]
 
 SIZE = (64, 48)
 """Width and height, pixels, for which `measured.csv` holds."""
@@ -36,7 +36,7 @@ moves an error. Other samples do: with other seeds errors were up to 1.2 times a
 (``python benches/hard.py --seeds 5``), so that is no change of a method's quality.
 """
 
-_ROUNDING = 1e-6
+ROUNDING = 1e-6
 """What sums in single precision may be off where a method is exact."""
 
 
@@ -143,7 +143,7 @@ class HardCase:
         float
             In the measure of `Answer.error`; NaN where nothing was measured.
         """
-        return max(MARGIN * self.measured.get(method, math.nan), _ROUNDING)
+        return max(MARGIN * self.measured.get(method, math.nan), ROUNDING)
 
     def answer(self, width: int = SIZE[0], height: int = SIZE[1]) -> Answer:
         """Return what the picture should be.

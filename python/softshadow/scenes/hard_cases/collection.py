@@ -27,7 +27,7 @@ from softshadow.methods import (
     resolve,
 )
 from softshadow.render import Image, render
-from softshadow.scenes.hard_cases.case import REFERENCE, Answer, HardCase
+from softshadow.scenes.hard_cases.case import REFERENCE, SIZE, Answer, HardCase
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,13 +39,13 @@ _SMALLER: dict[str, Method] = {
     for m in (
         Accumulation(samples=64),
         Convolution(max_size=256),
-        DeepShadow(resolution=512),
-        Mlsm(resolution=512),
-        Mtsm(resolution=512),
-        Mvsm(resolution=256),
-        Pcf(resolution=512),
-        Slsm(resolution=512),
-        Ssoc(resolution=512),
+        DeepShadow(resolution=256),
+        Mlsm(resolution=256),
+        Mtsm(resolution=256),
+        Mvsm(resolution=256, samples=64),
+        Pcf(resolution=256),
+        Slsm(resolution=256),
+        Ssoc(resolution=256),
     )
 }
 """Maps and textures that suit pictures of `SIZE`, and take a tenth of a second for a light."""
@@ -94,6 +94,8 @@ class HardCases(Mapping[str, HardCase]):
         names: Iterable[str] | None = None,
         methods: Iterable[MethodLike] | None = None,
         progress: Progress = False,
+        width: int = SIZE[0],
+        height: int = SIZE[1],
     ) -> dict[str, Comparison]:
         """Render hard cases by several methods.
 
@@ -107,63 +109,28 @@ class HardCases(Mapping[str, HardCase]):
             All of `methods` when not given.
         progress : bool or callable
             ``True`` for a progress bar, or a function that is told the finished fraction.
+        width, height : int
+            Pixels.
 
         Returns
         -------
         dict of str to Comparison
             By case. Tables have the columns ``method``, ``parameters``, ``prepare_seconds``,
             ``frame_seconds``, ``penumbra_mae``, ``shadow_error`` (`Answer.error`), ``tolerance``
-            (NaN at settings other than those of `methods`) and ``excuse``. Methods that refuse a
-            case are in `Comparison.skipped`.
+            (NaN at another size, and at settings other than those of `methods`) and ``excuse``.
+            Methods that refuse a case are in `Comparison.skipped`.
         """
         chosen = list(self._cases if names is None else names)
-        given = self.methods.values() if methods is None else [resolve(m) for m in methods]
+        own = self.methods
+        given = list(own.values()) if methods is None else [resolve(m) for m in methods]
         found = {}
         with Bar(progress, "hard cases") as tell:
             for i, name in enumerate(chosen):
-                found[name] = self._compared(self[name], list(given))
+                case = self[name]
+                found[name] = _compared(case, given, case.answer(width, height), own)
                 if tell:
                     tell((i + 1) / len(chosen))
         return found
-
-    def _compared(self, case: HardCase, methods: list[Method]) -> Comparison:
-        with needs("metrics", "hard.compare"):
-            import pandas as pd
-
-        answer = case.answer()
-        setup = answer.setup
-        rows, images, skipped = [], {}, {}
-        for method in methods:
-            label = label_of(method)
-            try:
-                image = render(setup.scene, setup.camera, setup.lights, method)
-            except UnsupportedError as error:
-                skipped[label] = str(error)
-                continue
-            images[label] = image
-            rows.append(self._row(case, answer, method, image))
-        by = None if case.closed_form else REFERENCE
-        return Comparison(pd.DataFrame(rows), images, answer.image, skipped, by)
-
-    def _row(
-        self, case: HardCase, answer: Answer, method: Method, image: Image
-    ) -> dict[str, object]:
-        excuse = case.excuses.get(method.name)
-        exact = answer.image.visibility
-        partly = metrics.penumbra_mask(exact, where=answer.where)
-        same = method == self.methods[method.name]
-        return {
-            "method": method.name,
-            "parameters": parameters_text(method),
-            "prepare_seconds": image.seconds["prepare"],
-            "frame_seconds": image.seconds["frame"],
-            "penumbra_mae": metrics.mae(image.visibility, exact, partly)
-            if partly.any()
-            else math.nan,
-            "shadow_error": answer.error(image),
-            "tolerance": case.tolerance(method.name) if same else math.nan,
-            "excuse": "" if excuse is None else excuse.reason,
-        }
 
     def table(
         self,
@@ -191,7 +158,7 @@ class HardCases(Mapping[str, HardCase]):
         for name, result in self.compare(names, methods, progress).items():
             refused = pd.DataFrame(
                 [
-                    {"method": method, "excuse": self._reason(name, method), "refused": said}
+                    {"method": method, "excuse": _reason(self[name], method), "refused": said}
                     for method, said in result.skipped.items()
                 ]
             )
@@ -200,6 +167,47 @@ class HardCases(Mapping[str, HardCase]):
         joined: pd.DataFrame = pd.concat(tables, ignore_index=True)
         return joined[["scene", *(c for c in joined.columns if c != "scene")]]
 
-    def _reason(self, name: str, label: str) -> str:
-        excuse = self[name].excuses.get(label.partition("(")[0])
-        return "" if excuse is None else excuse.reason
+
+def _compared(
+    case: HardCase, methods: list[Method], answer: Answer, own: Mapping[str, Method]
+) -> Comparison:
+    with needs("metrics", "hard.compare"):
+        import pandas as pd
+
+    setup = answer.setup
+    rows, images, skipped = [], {}, {}
+    for method in methods:
+        label = label_of(method)
+        try:
+            image = render(setup.scene, setup.camera, setup.lights, method)
+        except UnsupportedError as error:
+            skipped[label] = str(error)
+            continue
+        images[label] = image
+        size = (setup.camera.width, setup.camera.height)
+        held = size == SIZE and method == own[method.name]
+        rows.append(_row(case, answer, method, image, held))
+    by = None if case.closed_form else REFERENCE
+    return Comparison(pd.DataFrame(rows), images, answer.image, skipped, by)
+
+
+def _row(
+    case: HardCase, answer: Answer, method: Method, image: Image, held: bool
+) -> dict[str, object]:
+    exact = answer.image.visibility
+    partly = metrics.penumbra_mask(exact, where=answer.where)
+    return {
+        "method": method.name,
+        "parameters": parameters_text(method),
+        "prepare_seconds": image.seconds["prepare"],
+        "frame_seconds": image.seconds["frame"],
+        "penumbra_mae": metrics.mae(image.visibility, exact, partly) if partly.any() else math.nan,
+        "shadow_error": answer.error(image),
+        "tolerance": case.tolerance(method.name) if held else math.nan,
+        "excuse": _reason(case, method.name),
+    }
+
+
+def _reason(case: HardCase, label: str) -> str:
+    excuse = case.excuses.get(label.partition("(")[0])
+    return "" if excuse is None else excuse.reason

@@ -106,20 +106,21 @@ def caster_at_the_light(width: int, height: int) -> Setup:
     """Return a triangle with one corner within a tenth of the lights' centre."""
     corners = np.array(CENTER) + np.array([(0, 0, -0.1), (0.15, -0.1, -1.2), (-0.2, 0.25, -1.2)])
     triangle = corners, np.array([[0, 1, 2]])
-    return lit(over_ground(triangle), view(width, height), kinds=KINDS)
+    return lit(over_ground(triangle), view(width, height))
 
 
 def large_light(width: int, height: int) -> Setup:
     """Return casters that are far smaller than the lights, and have no umbra on the ground."""
     post = box((0.12, 0.12, 0.5), (-0.3, 0.0, 0.25), 20.0)
     tile = box((0.3, 0.3, 0.04), (0.3, 0.1, 0.35), 35.0)
-    return lit(over_ground(post, tile), view(width, height), size=1.6, kinds=("rect", "sphere"))
+    camera = Camera((0.3, -2.4, 1.9), (0.0, 0.05, 0.15), (0, 0, 1), 24.0, width, height)
+    return lit(over_ground(post, tile), camera, size=1.6, kinds=("rect", "sphere"))
 
 
 def grazing_light(width: int, height: int) -> Setup:
     """Return a board over a ground that the lights see under a few degrees."""
     tile = board((0, 0, 0.4), (0.3, 0, 0), (0, 0.3, 0))
-    camera = Camera((-0.6, -3.4, 2.2), (-0.6, 0, 0), (0, 0, 1), 46.0, width, height)
+    camera = Camera((-0.4, -3.6, 2.4), (-0.4, 0, 0), (0, 0, 1), 50.0, width, height)
     center, aim = (2.5, 0.3, 0.7), (0.0, 0.3, 0.075)
     return lit(over_ground(tile, half=3.0), camera, center, 0.4, ("disk", "sphere"), aim)
 
@@ -131,7 +132,7 @@ def terminator(width: int, height: int) -> Setup:
     round_.apply_translation((0, 0, 0.4))
     rod = box((0.1, 1.2, 0.05), (0.1, 0.0, 1.0), 25.0)
     meshes = (np.asarray(round_.vertices), np.asarray(round_.faces, dtype=np.int64)), rod
-    camera = Camera((0.2, -2.2, 1.5), (0, 0, 0.35), (0, 0, 1), 42.0, width, height)
+    camera = Camera((0.3, -1.1, 2.5), (0, 0, 0.35), (0, 0, 1), 38.0, width, height)
     center, aim = (0.3, 2.2, 1.2), (0, 0, 0.4)
     return lit(over_ground(*meshes), camera, center, 0.6, ("rect", "sphere"), aim)
 

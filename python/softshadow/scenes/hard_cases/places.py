@@ -32,7 +32,7 @@ def contact(width: int, height: int) -> Setup:
     sunk, faces = box((0.3, 0.3, 0.8), (0.0, 0.0, 0.0))
     lean = np.array([[0.9, 0, 0.436], [0, 1, 0], [-0.436, 0, 0.9]])
     leaning = sunk @ lean.T + (0.45, 0.1, 0.1), faces
-    return lit(over_ground(standing, leaning), view(width, height), (0.9, -0.9, 1.6), 0.4, ("rect",))
+    return lit(over_ground(standing, leaning), view(width, height), (0.9, -0.9, 1.6), 0.4)
 
 
 def crossing_penumbrae(width: int, height: int) -> Setup:
@@ -45,14 +45,14 @@ def fused_boards(width: int, height: int) -> Setup:
     lower = board((-0.6, 0.1, 0.5), (1.2, 0, 0), (0, 0.9, 0))
     upper = board((0.6, 0.1, 1.0), (1.2, 0, 0), (0, 0.9, 0))
     camera = Camera((0.0, -2.0, 0.62), (0.0, 0.3, 0.0), (0, 0, 1), 44.0, width, height)
-    return lit(over_ground(lower, upper), camera, (0, 0, 2.4), 1.0, ("rect",))
+    return lit(over_ground(lower, upper), camera, (0, 0, 2.4), 1.0)
 
 
 def behind_the_camera(width: int, height: int) -> Setup:
     """Return a box behind the camera, whose shadow alone is seen."""
     caster = box((0.6, 0.5, 0.4), (0.0, -1.9, 1.3), 20.0)
     camera = Camera((0.0, -0.9, 1.0), (0.0, 0.5, 0.0), (0, 0, 1), 60.0, width, height)
-    return lit(over_ground(caster), camera, (0.1, -3.6, 2.8), 0.5, ("rect", "sphere"), (0, -1.9, 1.3))
+    return lit(over_ground(caster), camera, (0.1, -3.6, 2.8), 0.5, ("disk",), (0, -1.9, 1.3))
 
 
 def eye_on_a_board(width: int, height: int) -> Setup:
@@ -61,7 +61,7 @@ def eye_on_a_board(width: int, height: int) -> Setup:
     block = box((0.4, 0.3, 0.5), (0.1, 0.5, 0.25), 20.0)
     eye = (0.1, -0.2, 0.75)  # on the edge that looks at the block
     camera = Camera(eye, (0.0, 0.45, 0.1), (0, 0, 1), 80.0, width, height)
-    return lit(over_ground(tile, block), camera, (0.1, -0.9, 3.0), 0.4, ("rect", "sphere"))
+    return lit(over_ground(tile, block), camera, (0.1, -0.9, 3.0), 0.4)
 
 
 def huge_ground(width: int, height: int) -> Setup:
@@ -69,8 +69,8 @@ def huge_ground(width: int, height: int) -> Setup:
     scene = Scene()
     scene.add(square(1e5), name="ground", albedo=PLANE_ALBEDO)
     scene.add(box((1, 1, 1), (0, 0, 0.7)), albedo=(0.8, 0.6, 0.4))
-    camera = Camera((-1, -4.5, 4), (-0.3, 0, 0.2), (0, 0, 1), 45.0, width, height)
-    return lit(scene, camera, (0.7, 0, 4), 0.8, ("rect", "sphere"))
+    camera = Camera((-1, -4.5, 4), (-0.2, 0, 0.3), (0, 0, 1), 30.0, width, height)
+    return lit(scene, camera, (0.7, 0, 4), 0.8, ("sphere",))
 
 
 def tiny_and_far(width: int, height: int) -> Setup:
@@ -89,7 +89,7 @@ def tiny_and_far(width: int, height: int) -> Setup:
         x, y, z = scale * np.array(p) + move
         return float(x), float(y), float(z)
 
-    camera = Camera(at((0.3, -2.4, 1.9)), at((-0.1, 0.1, 0.15)), (0, 0, 1), 42.0, width, height)
+    camera = Camera(at((0.3, -2.4, 1.9)), at((-0.1, 0.1, 0.15)), (0, 0, 1), 36.0, width, height)
     light = RectLight(at((0.5, -0.3, 2.0)), (0, 0.4 * scale, 0), (0.4 * scale, 0, 0))
     return Setup(scene, camera, light)
 

@@ -47,7 +47,7 @@ def over_ground(*meshes: MeshData, half: float = 2.5) -> Scene:
 
 def view(width: int, height: int) -> Camera:
     """Return the camera of most cases."""
-    return Camera((0.3, -2.4, 1.9), (-0.1, 0.1, 0.15), (0, 0, 1), 42.0, width, height)
+    return Camera((0.3, -2.4, 1.9), (-0.1, 0.1, 0.15), (0, 0, 1), 36.0, width, height)
 
 
 def lit(
