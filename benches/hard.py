@@ -98,7 +98,10 @@ def excuses(reasons: Mapping[str, ss.scenes.Excuse]) -> str:
 
 def gallery() -> str:
     """Return the page's tables: what is hard, who is excused, and the errors that were measured."""
-    lines = ["| scene | lights | what is hard | answer | excused, and why |", "|---|---|---|---|---|"]
+    lines = [
+        "| scene | lights | what is hard | answer | excused, and why |",
+        "|---|---|---|---|---|",
+    ]
     for name, case in ss.scenes.hard.items():
         answer = "closed form" if case.closed_form else "`ray_traced`"
         kinds = [type(light).__name__ for light in case.make(8, 8).lights]
@@ -109,10 +112,14 @@ def gallery() -> str:
     lines.append("|---" * (1 + len(methods)) + "|")
     for name, case in ss.scenes.hard.items():
         cells = [
-            "" if (error := case.measured.get(m)) is None
+            ""
+            if (error := case.measured.get(m)) is None
             # Bold where it is not right.
-            else f"**{error:.2g}**" if error > RIGHT
-            else f"{error:.2g}" if error >= ROUNDING else "0"
+            else f"**{error:.2g}**"
+            if error > RIGHT
+            else f"{error:.2g}"
+            if error >= ROUNDING
+            else "0"
             for m in methods
         ]
         lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
@@ -147,7 +154,9 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=list(ss.scenes.hard), metavar="NAME")
     parser.add_argument("--seeds", type=int, default=0, help="other seeds to try")
     parser.add_argument("--write", action="store_true", help="make these errors the measured ones")
-    parser.add_argument("--docs", action="store_true", help="write docs/hard_cases.md and its sheet")
+    parser.add_argument(
+        "--docs", action="store_true", help="write docs/hard_cases.md and its sheet"
+    )
     options = parser.parse_args()
     if options.docs:
         docs()

@@ -93,11 +93,10 @@ class Answer:
         -------
         float
         """
-        off, shadow = (
-            (x - self.image.visibility.astype(np.float64))[self.where]
-            for x in (image.visibility, self.unshadowed)
-        )
-        return math.sqrt(float(np.sum(off**2) / np.sum(shadow**2)))
+        right = self.image.visibility.astype(np.float64)
+        off = (image.visibility - right)[self.where]
+        shadow = (self.unshadowed - right)[self.where]
+        return math.sqrt(float(off @ off) / float(shadow @ shadow))
 
 
 @dataclass(frozen=True, eq=False)

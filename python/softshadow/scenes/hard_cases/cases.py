@@ -117,7 +117,7 @@ _LAMPS = (
         lamps.grazing_light,
         excuses=POINTS
         | by(COARSE, "accumulation")
-        | by(GRAZING, "convolution", "mvsm")
+        | by(GRAZING, "convolution", "mvsm", "ssoc")
         | by(ONE_DEPTH, *_FILTERED),
     ),
     HardCase(
@@ -222,10 +222,7 @@ _MESHES = (
         "edge_on_triangle",
         "One such triangle, in the air.",
         meshes.edge_on_triangle,
-        excuses=POINTS
-        | by(COARSE, "accumulation")
-        | by(EDGE_ON, *_MAPS)
-        | by(SILHOUETTE, *_EDGES),
+        excuses=POINTS | by(COARSE, "accumulation") | by(EDGE_ON, *_MAPS) | by(SILHOUETTE, *_EDGES),
     ),
     HardCase(
         "aimed_box",
@@ -240,9 +237,7 @@ _MESHES = (
         "needles",
         "Triangles 10² to 10⁷ times as long as they are wide.",
         meshes.needles,
-        excuses=POINTS
-        | by(COARSE, "accumulation")
-        | by(TEXELS, *_MAPS, "ssoc"),
+        excuses=POINTS | by(COARSE, "accumulation") | by(TEXELS, *_MAPS, "ssoc"),
     ),
     HardCase(
         "hair",

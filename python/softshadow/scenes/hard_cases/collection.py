@@ -157,15 +157,13 @@ class HardCases(Mapping[str, HardCase]):
         tables = []
         for name, result in self.compare(names, methods, progress).items():
             refused = pd.DataFrame(
-                [
-                    {"method": method, "excuse": _reason(self[name], method), "refused": said}
-                    for method, said in result.skipped.items()
-                ]
+                [_refused(self[name], label, said) for label, said in result.skipped.items()]
             )
             both = pd.concat([result.table.assign(refused=""), refused], ignore_index=True)
-            tables.append(both.assign(scene=name))
+            both.insert(0, "scene", name)
+            tables.append(both)
         joined: pd.DataFrame = pd.concat(tables, ignore_index=True)
-        return joined[["scene", *(c for c in joined.columns if c != "scene")]]
+        return joined
 
 
 def _compared(
@@ -208,6 +206,12 @@ def _row(
     }
 
 
-def _reason(case: HardCase, label: str) -> str:
-    excuse = case.excuses.get(label.partition("(")[0])
+def _refused(case: HardCase, label: str, said: str) -> dict[str, object]:
+    method, _, parameters = label.removesuffix(")").partition("(")
+    excuse = _reason(case, method)
+    return {"method": method, "parameters": parameters, "excuse": excuse, "refused": said}
+
+
+def _reason(case: HardCase, method: str) -> str:
+    excuse = case.excuses.get(method)
     return "" if excuse is None else excuse.reason

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 
 from softshadow._core import UnsupportedError
 from softshadow.scenes.hard_cases.case import Excuse
@@ -18,11 +17,11 @@ __all__ = [
     "NO_OPACITY",
     "NO_SPHERES",
     "ONE_DEPTH",
+    "OVERLAP",
     "PASSED",
     "POINTS",
     "SILHOUETTE",
     "TEXELS",
-    "OVERLAP",
     "by",
 ]
 
@@ -37,13 +36,17 @@ LAYERS = Excuse("What is hidden from the light's centre is in no layer of its ma
 TEXELS = Excuse("What casts is thinner than a texel.")
 COARSE = Excuse("The same few light points for all receivers: their steps show.")
 GRAZING = Excuse("What is seen under a few degrees spans far more depth than a texel tells.")
-INSIDE = Excuse("What reaches into the light comes so near to its eye that no map or silhouette holds it.")
+INSIDE = Excuse(
+    "What reaches into the light comes so near to its eye that no map or silhouette holds it."
+)
 PASSED = Excuse("What the light's other parts see past a caster, or under it, is missed.")
-OVERLAP = Excuse("What hides parts of the light from two sides is combined as if it were at random.")
+OVERLAP = Excuse(
+    "What two objects leave is multiplied, as if by chance: light leaks where they meet."
+)
 NO_OPACITY = Excuse("Opaque casters only.", UnsupportedError)
 NO_SPHERES = Excuse("No analytic spheres that cast.", UnsupportedError)
 
-POINTS: Mapping[str, Excuse] = {
+POINTS = {
     "hard": CENTRE,
     "shadow_volume": CENTRE,
     "single_sample": GROWN,

@@ -43,9 +43,7 @@ def _room(width: int, height: int, axis: tuple[float, float, float], angle: floa
     """
     turn = trimesh.transformations.rotation_matrix(angle, axis)[:3, :3]
     meshes = [board((0, 0, 0), (2, 0, 0), (0, 2, 0)), board((0, 0, 1), (0.6, 0, 0), (0, 0.6, 0))]
-    meshes += [
-        board((x, y, 2), (1, 0, 0), (0, 1, 0)) for x in (-0.5, 0.5) for y in (-0.5, 0.5)
-    ]
+    meshes += [board((x, y, 2), (1, 0, 0), (0, 1, 0)) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     meshes += [
         board((x, y, 1), (2 * y, 2 * x, 0), (0, 0, 2))
         for x, y in [(1, 0), (0, 1), (-1, 0), (0, -1)]

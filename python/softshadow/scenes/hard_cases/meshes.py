@@ -12,7 +12,6 @@ from softshadow.camera import Camera
 from softshadow.scene import Scene
 from softshadow.scenes.hard_cases.stage import (
     CENTER,
-    KINDS,
     MeshData,
     board,
     box,
@@ -57,14 +56,17 @@ def needles(width: int, height: int) -> Setup:
         along = rng.normal(size=3) * 0.5
         corners += [a, a + along, a + along + rng.normal(size=3) * 2 * thin]
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
-    return lit(over_ground((np.array(corners), faces)), view(width, height), kinds=("rect", "sphere"))
+    return lit(
+        over_ground((np.array(corners), faces)), view(width, height), kinds=("rect", "sphere")
+    )
 
 
 def open_bowl(width: int, height: int) -> Setup:
     """Return half a shell that is open below, and a sheet that is open all around."""
     shell = trimesh.creation.icosphere(3, 0.35)
     upper = shell.triangles_center[:, 2] > 0.05
-    bowl = np.asarray(shell.vertices) + [-0.3, 0.0, 0.5], np.asarray(shell.faces)[upper]
+    moved = shell.vertices + np.array([-0.3, 0.0, 0.5])
+    bowl = np.asarray(moved), np.asarray(shell.faces, dtype=np.int64)[upper]
     sheet = board((0.45, 0, 0.5), (0.6, 0.1, 0.2), (0, 0.5, 0.1))
     return lit(over_ground(bowl, sheet), view(width, height), kinds=("disk",))
 
@@ -124,7 +126,9 @@ def turned_faces(width: int, height: int) -> Setup:
     faces[::3] = faces[::3, ::-1]
     more, twice = box((0.4, 0.3, 0.3), (0.35, 0.0, 0.5), 20.0)
     twice = np.append(twice, twice[:1], axis=0)
-    return lit(over_ground((vertices, faces), (more, twice)), view(width, height), kinds=("sphere",))
+    return lit(
+        over_ground((vertices, faces), (more, twice)), view(width, height), kinds=("sphere",)
+    )
 
 
 def degenerate_mesh(width: int, height: int) -> Setup:
@@ -133,8 +137,9 @@ def degenerate_mesh(width: int, height: int) -> Setup:
     loose = vertices[faces].reshape(-1, 3)  # every triangle has corners of its own
     line = np.array([(-1.0, -1.0, 1.0), (0.0, 0.0, 0.75), (1.0, 1.0, 0.5)])
     flat = [[0, 1, 2], [1, 2, 0], [0, 0, 1], [2, 2, 2], [0, 1, 0]]
-    mesh = np.concatenate([loose, line]), np.concatenate(
-        [np.arange(len(loose)).reshape(-1, 3), np.array(flat) + len(loose)]
+    mesh = (
+        np.concatenate([loose, line]),
+        np.concatenate([np.arange(len(loose)).reshape(-1, 3), np.array(flat) + len(loose)]),
     )
     return lit(over_ground(mesh), view(width, height), kinds=("disk",))
 
