@@ -8,7 +8,7 @@ EXTRAS := plot,metrics,io,cli,sweep,cluster,bake,scenes,mitsuba
 PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels aarch64 clean
+.PHONY: demo test test-rust test-python test-slow notebooks lint lint-rust lint-python bench fuzz wheels aarch64 clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -42,6 +42,10 @@ test-python: $(STAMP)
 test-slow: $(STAMP)
 	$(BIN)/python -m pytest $(PARALLEL) -m slow
 
+## Runs the notebooks, or those of NOTEBOOKS, and stores them with their outputs.
+notebooks: $(STAMP)
+	$(BIN)/python tests/run_notebooks.py $(NOTEBOOKS)
+
 ## Runs the Rust tests for AArch64, whose bits must be those of x86-64: with a cross compiler and QEMU's user mode
 ## (Debian: gcc-aarch64-linux-gnu, libc6-dev-arm64-cross and qemu-user; and rustup target add $(AARCH64)).
 AARCH64 := aarch64-unknown-linux-gnu
@@ -61,8 +65,8 @@ lint-rust:
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --document-private-items --quiet
 
 lint-python: $(STAMP)
-	$(BIN)/ruff format --check python tests benches examples
-	$(BIN)/ruff check python tests benches examples
+	$(BIN)/ruff format --check python tests benches examples notebooks
+	$(BIN)/ruff check python tests benches examples notebooks
 	$(BIN)/mypy
 	$(BIN)/stubtest softshadow._core
 
