@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 OPTIONAL = [
     *("IPython", "OpenEXR", "PIL", "drjit", "flip_evaluator", "imageio", "ipywidgets"),
     *("matplotlib", "mitsuba", "networkx", "pandas", "rich", "scipy", "skimage", "typer"),
-    *("dask", "distributed", "pyarrow"),
+    *("anywidget", "dask", "distributed", "pyarrow"),
 ]
 """Modules of the extras, and what comes with them."""
 
@@ -99,20 +99,20 @@ def test_parts_that_are_imported_when_used_are_there():
 
 
 def test_functions_stay_functions_whatever_is_imported():
-    """Four functions are named as the modules that they are from."""
+    """Some functions are named as the modules that they are from."""
     for first in (
         *("softshadow.bake.textures", "softshadow.compare", "softshadow.render"),
-        "softshadow.sweep.work",
+        *("softshadow.sweep.work", "softshadow.widget.moving"),
     ):
         code = f"""
             import json
             import {first}
             import softshadow as ss
             import softshadow.bake, softshadow.kernels.wedges, softshadow.render, softshadow.sweep
-            same = [ss.bake, ss.compare, ss.render, ss.kernels.wedges, ss.sweep]
+            same = [ss.bake, ss.compare, ss.render, ss.kernels.wedges, ss.sweep, ss.widget]
             print(json.dumps([callable(x) for x in same]))
         """
-        assert _fresh(code) == [True] * 5
+        assert _fresh(code) == [True] * 6
 
 
 def test_the_core_works_with_its_own_dependencies_alone(tmp_path):
@@ -164,6 +164,7 @@ USES = [
     ("scenes", "ss.scenes.fork(16, 16)"),
     ("scenes", "ss.scenes.statue(16, 16)"),
     ("mitsuba", "ss.mitsuba.render(scene, camera, light)"),
+    ("widget", "ss.widget(scene, camera, light)"),
 ]
 
 
