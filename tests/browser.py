@@ -6,7 +6,6 @@ import asyncio
 import base64
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -57,13 +56,12 @@ class Page:
         return done["result"].get("value")
 
     async def until(self, script, seconds=60):
-        """Wait until an expression is true, and return it."""
-        for _ in range(int(seconds / 0.1)):
-            value = await self.run(script)
-            if value:
-                return value
+        """Wait until an expression is true."""
+        for _ in range(10 * seconds):
+            if await self.run(f"Boolean({script})"):
+                return
             await asyncio.sleep(0.1)
-        raise TimeoutError(f"{script} is {value!r} after {seconds} s")
+        raise TimeoutError(f"not within {seconds} s: {script}")
 
     async def mouse(self, kind, x, y, **more):
         """Move, press or release the left button."""
@@ -81,19 +79,13 @@ async def opened(url, profile, size="1000,900"):
     """A page of a browser that ends with the block."""
     from tornado.websocket import websocket_connect
 
-    switches = ["remote-debugging-port=0", f"window-size={size}", url]
-    arguments = command(profile, *switches)
-    arguments[-1] = url
+    switches = ["remote-debugging-port=0", f"window-size={size}"]
+    nothing = subprocess.DEVNULL  # a pipe that nobody reads would stop it
     with subprocess.Popen(
-        arguments, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-        start_new_session=True,
-    ) as process:  # fmt: skip
+        [*command(profile, *switches), url], stdout=nothing, stderr=nothing, start_new_session=True
+    ) as process:
         try:
-            port = next(
-                found[1]
-                for line in process.stderr
-                if (found := re.search(r"DevTools listening on ws://127\.0\.0\.1:(\d+)/", line))
-            )
+            port = await _port(profile / "DevToolsActivePort")
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
                 pages = [page for page in json.load(answer) if page["type"] == "page"]
             socket = await websocket_connect(
@@ -103,6 +95,15 @@ async def opened(url, profile, size="1000,900"):
             socket.close()
         finally:
             os.killpg(process.pid, signal.SIGKILL)
+
+
+async def _port(file, seconds=60):
+    """Wait for the file in which a browser says where it listens."""
+    for _ in range(10 * seconds):
+        if file.exists() and (text := file.read_text()).count("\n"):
+            return int(text.splitlines()[0])
+        await asyncio.sleep(0.1)
+    raise TimeoutError(f"no browser within {seconds} s")
 
 
 def printed(arguments, seconds=120):

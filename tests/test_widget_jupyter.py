@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -40,18 +40,26 @@ def lab(tmp_path):
         *(sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", "--port=0"),
         *("--expose-app-in-browser", f"--ServerApp.root_dir={tmp_path}", "--ip=127.0.0.1"),
     ]
-    with subprocess.Popen(
-        command, stderr=subprocess.PIPE, text=True, env=os.environ | own, start_new_session=True
-    ) as process:
+    with (
+        (tmp_path / "lab.txt").open("w") as log,
+        subprocess.Popen(
+            command, stderr=log, stdout=log, env=os.environ | own, start_new_session=True
+        ) as process,
+    ):
         try:
-            url = next(
-                found[0]
-                for line in process.stderr
-                if (found := re.search(r"http://127\.0\.0\.1:\d+/lab\?token=\w+", line))
-            )
-            yield url.replace("/lab?", "/doc/tree/moving.ipynb?")
+            yield _address(tmp_path / "RUNTIME")
         finally:
-            os.killpg(process.pid, signal.SIGTERM)
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _address(folder, seconds=60):
+    """Wait for the file in which a server says where it listens."""
+    for _ in range(10 * seconds):
+        for file in folder.glob("jpserver-*.json"):
+            said = json.loads(file.read_text())
+            return f"{said['url']}doc/tree/moving.ipynb?token={said['token']}"
+        time.sleep(0.1)
+    raise TimeoutError(f"no server within {seconds} s")
 
 
 @pytest.mark.slow
