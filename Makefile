@@ -79,6 +79,7 @@ bench: $(STAMP)
 	$(BIN)/python benches/single_sample.py
 	$(BIN)/python benches/map_rivals.py
 	$(BIN)/python benches/layered.py
+	$(BIN)/python benches/widget.py
 
 ## Random scenes through all methods for an hour, from case SEED on; see tests/fuzz.
 SECONDS ?= 3600

@@ -156,6 +156,7 @@ USES = [
     ("io", "ss.images.write('a.png', image.visibility)"),
     ("io", "ss.images.write('a.exr', image.visibility)"),
     ("io", "ss.Scene.load(zipped('a.3mf'))"),
+    ("io", "ss.bake(scene, light, 'ground', max_size=16).to_glb('a.glb')"),
     ("cli", "import softshadow.cli"),
     ("sweep", "ss.sweep(ss.grid(scene, light, camera, 'hard'), 'results.parquet')"),
     ("cluster", "from softshadow.sweep import pools; pools.cluster('tcp://a:1').__enter__()"),

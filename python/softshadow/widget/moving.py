@@ -32,8 +32,8 @@ with needs("widget", "ss.widget"):
 __all__ = ["ShadowWidget", "dragged"]
 
 _QUALITY = 90
-"""Of the JPEG that is sent: a fiftieth of the time that rendering takes, and a twentieth of the
-picture's bytes; no step is seen in a penumbra."""
+"""Of the JPEG that is sent: no step is seen in a penumbra. At 512² it takes 1 ms and 27 kB, where a
+PNG of zlib's lowest level takes 6 ms and 97 kB."""
 
 _WIDTHS = (0.05, 4.0)
 """How small and how large the light can be made, of its width at the start."""
