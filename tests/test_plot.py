@@ -232,6 +232,22 @@ def test_versus_takes_texts_in_the_table_s_order_and_wide_ranges_as_logarithms()
     assert axes.get_yscale() == "log"
 
 
+def test_versus_draws_settings_of_a_method_apart_and_plain_numbers_on_logarithms():
+    labels = ["hard", *(f"ray_traced(samples={n})" for n in (4, 16, 64, 256)), "pcf"]
+    rows = [(label, x, 0.01 * x * (i + 1)) for i, label in enumerate(labels) for x in (0.1, 1, 4)]
+    figure = plot.versus(pd.DataFrame(rows, columns=["label", "x", "mae"]), "x", "mae", by="label")
+    axes = figure.axes[0]
+    drawn_as = {(x.get_color(), x.get_marker(), x.get_linestyle()) for x in axes.lines}
+    assert len(drawn_as) == len(labels)
+    assert len({x.get_color() for x in axes.lines if "ray_traced" in x.get_label()}) == 1
+    assert axes.get_xscale() == "log"
+    figure.draw_without_rendering()
+    ticks = axes.get_xticklabels(which="both")
+    texts = {tick.get_text() for tick in ticks}
+    assert {"0.1", "0.2", "0.5", "1", "2"} <= texts
+    assert not any("10^" in text for text in texts)
+
+
 def test_strip_has_the_reference_first_and_one_scale_for_all_errors():
     images = {"a": [[0.5, 1.0]], "reference": [[1.0, 0.75]], "b": [[1.0, 0.5]]}
     figure = plot.strip(images)

@@ -18,7 +18,7 @@ from softshadow.plot.pictures import (
     own_figure,
     pixels_of,
 )
-from softshadow.plot.styles import style
+from softshadow.plot.styles import line_styles
 from softshadow.render import Image
 
 if TYPE_CHECKING:
@@ -169,17 +169,13 @@ def scanline(
         beside.axhline(at, color="#D55E00", linewidth=1)
         beside.set_title(f"row {at}", fontsize="small")
     axes = cast("Any", ax)
-    strangers = [label.partition("(")[0] for label in grey if label != REFERENCE]
-    drawn: list[str] = []
+    styles = line_styles(label for label in grey if label != REFERENCE)
     for label, values in grey.items():
         line = np.where(mask[at], values[at], np.nan)
         if label == REFERENCE:
             axes.plot(line, color="black", linewidth=2.5, alpha=0.75, label=label)
             continue
-        method = label.partition("(")[0]
-        colour, marker = style(method, list(dict.fromkeys(strangers)))
-        dashes = ("-", "--", ":", "-.")[drawn.count(method) % 4]  # of one method at other settings
-        drawn.append(method)
+        colour, marker, dashes = styles[label]
         every = max(1, len(line) // 16)
         axes.plot(
             line, color=colour, marker=marker, markevery=every, markersize=3.5, linewidth=0.9,
