@@ -1,8 +1,9 @@
-"""A flat light in the plane of a ceiling, a wall or a tilted roof: that hides none of it."""
+"""A flat light in the plane of a ceiling, a wall or a tilted roof: that hides none of it.
+
+At points; pictures of such rooms are among the hard cases (`test_hard_cases.py`).
+"""
 
 from __future__ import annotations
-
-import functools
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from trimesh.transformations import rotation_matrix
 
 # What is dark or lit as a whole is so in small maps, too.
 POINT_METHODS = methods(("hard", *MAP_NAMES), resolution=128)
-CAMERA_METHODS = ("shadow_volume", "wedges", "accumulation", "convolution")
 ULP = 2.0**-52
 # Off the ceiling, into the room where positive: an ulp of the light's height, and half of what is
 # kept of it in `f32`.
@@ -25,6 +25,8 @@ POSES = {
     "slope": (0.3, (0, 1, 1)),
 }
 UNDER, BESIDE = (0.05, 0.02, 0.0), (0.9, -0.8, 0.0)
+WALL = (0.98, 0.3, 1.5)
+"""Above the table, from where the lamp is seen at a slant: `ssoc` lost all of it."""
 
 
 def _rect(center, turn):
@@ -66,48 +68,14 @@ def _room(pose, walls, pieces):
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("method", POINT_METHODS)
-def test_points_under_the_table_are_dark_and_beside_it_lit(method, pose, shape):
+def test_points_under_the_table_are_dark_and_others_lit(method, pose, shape):
     for walls, pieces in [(False, 1), (True, 3)]:
         scene, turn = _room(pose, walls, pieces)
-        points, normals = turn([UNDER, BESIDE]), turn([(0, 0, 1)] * 2)
+        points, normals = turn([UNDER, BESIDE, WALL]), turn([(0, 0, 1), (0, 0, 1), (-1, 0, 0)])
         for offset in OFFSETS:
             light = SHAPES[shape]((0, 0, 2 - offset), turn)
             seen = ss.visibility(scene, points, normals, light, POINT_METHODS[method])
-            assert seen.tolist() == [0, 1], (walls, pieces, offset)
-
-
-# Textures of half the usual size: the table's penumbrae are wide.
-SMALLER = {"convolution": ss.Convolution(max_size=256)}
-
-
-@functools.cache
-def _image(method, pose, shape, offset, walls):
-    scene, turn = _room(pose, walls, 2)
-    camera = ss.Camera(
-        turn((0.3, -0.8, 0.5)),
-        turn((0, 0, 0)),
-        up=turn((0, 0, 1)),
-        fov_y_deg=90,
-        width=32,
-        height=32,
-    )
-    light = SHAPES[shape]((0, 0, 2 - offset), turn)
-    return ss.render(scene, camera, light, SMALLER.get(method, method))
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize("method", CAMERA_METHODS)
-def test_pictures_of_the_room_are_those_of_the_reference(method, pose, shape):
-    for walls, offset in [(False, -2 * ULP), (True, -1e-7)]:
-        image = _image(method, pose, shape, offset, walls)
-        exact = "hard" if method == "shadow_volume" else ss.RayTraced(samples=256)
-        reference = _image(exact, pose, shape, 0.0, walls)
-        error = np.abs(image.visibility - reference.visibility)[reference.mask]
-        # Measured: 0.0067 at most, and of convolution, with one depth for the table, 0.0125. With
-        # the ceiling before the light it was 0.4.
-        limit = 0.015 if method == "convolution" else 0.01
-        assert error.mean() < limit, (walls, offset, error.mean())
+            assert seen.tolist() == [0, 1, 1], (walls, pieces, offset)
 
 
 @pytest.mark.parametrize("method", ["ray_traced", *POINT_METHODS.values()])

@@ -27,19 +27,14 @@ def _bowl():
     return [-3, *(1.2 * np.cos(angle) - 0.8)], [0, *(1.2 * np.sin(angle) + 1.2)]
 
 
-def _waves():
-    x = np.linspace(-3, 3, 240)
-    return x, 0.06 * np.sin(12 * x)
-
-
-PROFILES = {"bowl": _bowl, "waves": _waves}
-
-
 @functools.cache
 def _behind_a_slab(profile):
     """A slab's edge before a surface that varies quickly in depth, as the light sees it."""
+    if profile == "waves":
+        setup = ss.scenes.hard["waves"].make(160, 160)
+        return setup, ss.render(setup.scene, setup.camera, setup.light, REFERENCE)
     scene = ss.Scene()
-    scene.add(_curtain(*PROFILES[profile]()), profile)
+    scene.add(_curtain(*_bowl()), profile)
     scene.add(quad((-0.9, 0, 1.3), (1.8, 0, 0), (0, 1.6, 0)), "slab")
     camera = ss.Camera((-2.2, -3, 1), (-0.3, 0, 0.2), fov_y_deg=40, width=160, height=160)
     setup = ss.scenes.Setup(scene, camera, ss.SphereLight((0.0, 0.1, 3.2), 0.35))

@@ -265,6 +265,29 @@ def report(
     typer.echo(f"{page}: {len(table)} cases")
 
 
+@app.command()
+def hard(
+    output: Annotated[Path, typer.Option("--output", "-o", help="A .html file.")],
+    case: Annotated[
+        list[str] | None,
+        typer.Option(help="One of the cases; may be repeated. Not given: all.", metavar="NAME"),
+    ] = None,
+) -> None:
+    """Write a page about the hard cases: what is hard, and what every method makes of it."""
+    from softshadow.report import report as write_report
+    from softshadow.scenes import hard as cases
+
+    names = list(cases) if case is None else case
+    for name in names:
+        if name not in cases:
+            raise ValueError(f"--case {name!r}: expected one of {', '.join(cases)}")
+    found = cases.compare(names, progress=True)
+    notes = {name: cases[name].why for name in names}
+    command = [shlex.join(_command())]
+    page = write_report(found, output, title="Hard cases", commands=command, notes=notes)
+    typer.echo(f"{page}: {len(names)} cases")
+
+
 def _command() -> list[str]:
     """Return the command line that runs, as one would type it."""
     return ["softshadow", *_given]

@@ -125,7 +125,7 @@ impl Casters {
     }
 
     /// Whether a triangle lies in a flat light's plane, up to what samples are moved off the light.
-    pub fn lie_in_plane(&self, light: &Light) -> bool {
+    fn lie_in_plane(&self, light: &Light) -> bool {
         let Some(normal) = light.normal() else {
             return false;
         };
@@ -134,6 +134,16 @@ impl Casters {
         let geometry = &self.geometry;
         self.face_ids()
             .any(|face| geometry.corners(face).into_iter().all(in_plane))
+    }
+
+    /// A light, moved off what lies in its plane, if something does: only then, as silhouettes jump where edges pass
+    /// through the light's centre.
+    pub fn off_ceilings(&self, light: &Light) -> Light {
+        if self.lie_in_plane(light) {
+            light.lifted()
+        } else {
+            *light
+        }
     }
 
     /// The silhouette edges that `center` sees.

@@ -30,6 +30,7 @@ def report(
     images: Pictures | Mapping[str, Pictures] | None = None,
     title: str = "Speed against error",
     commands: Sequence[str] = (),
+    notes: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a page that says which method is how fast and how wrong.
 
@@ -53,6 +54,8 @@ def report(
         Of the page.
     commands : sequence of str
         What makes the same table again, a line each.
+    notes : mapping of str to str, optional
+        What is said of a scene over its pictures, by its name.
 
     Returns
     -------
@@ -124,7 +127,7 @@ def report(
         {
             "The front": sections.front_figures(rows),
             "All cases": sections.cases(rows),
-            "Pictures and errors": sections.pictures(images),
+            "Pictures and errors": sections.pictures(images, notes or {}),
             "Failed or left out": sections.failures(rows, skipped),
             "Machine": definitions(facts) if facts else "",
             "How to reproduce": f"<pre>{lines}</pre>\n" if lines else "",

@@ -117,8 +117,8 @@ def cases(rows: pd.DataFrame) -> str:
     )
 
 
-def pictures(images: Pictures | Mapping[str, Pictures] | None) -> str:
-    """Return strips with signed errors, and a profile, of each scene."""
+def pictures(images: Pictures | Mapping[str, Pictures] | None, notes: Mapping[str, str]) -> str:
+    """Return strips with signed errors, and a profile, of each scene, under what is said of it."""
     if images is None:
         return ""
     scenes: dict[str, Any] = {"": images}
@@ -126,13 +126,14 @@ def pictures(images: Pictures | Mapping[str, Pictures] | None) -> str:
         isinstance(value, (Comparison, Mapping)) for value in images.values()
     ):
         scenes = dict(images)
-    return "".join(_scene(name, given) for name, given in scenes.items())
+    return "".join(_scene(name, given, notes.get(name, "")) for name, given in scenes.items())
 
 
-def _scene(name: str, images: Pictures) -> str:
+def _scene(name: str, images: Pictures, note: str) -> str:
     from softshadow.plot import scanline, strip
 
     heading = f"<h3>{escape(name)}</h3>\n" if name else ""
+    heading += f"<p>{escape(note)}</p>\n" if note else ""
     lit = ""
     if isinstance(images, Comparison):
         from softshadow.plot import show

@@ -13,6 +13,7 @@ in which shadow maps go wrong (`map_artifacts`), a tree and a ball of fur; those
 
 from softshadow.scenes.basic import bunny_on_plane, city, closed_solids, half_plane, tilted_sheet
 from softshadow.scenes.dense import fur_ball, statue, tree
+from softshadow.scenes.hard_cases import Answer, Excuse, HardCase, HardCases, hard
 from softshadow.scenes.map_artifacts import ball, oblique_board, stacked_boards, standing_cylinder
 from softshadow.scenes.models import city_path, stanford_bunny_path
 from softshadow.scenes.ssoc_paper import aircraft, bunny_and_sphere, fork, two_teapots
@@ -27,6 +28,10 @@ from softshadow.scenes.wedges_paper import (
 )
 
 __all__ = [
+    "Answer",
+    "Excuse",
+    "HardCase",
+    "HardCases",
     "Setup",
     "acute_triangle",
     "aircraft",
@@ -40,6 +45,7 @@ __all__ = [
     "fur_ball",
     "growing_light",
     "half_plane",
+    "hard",
     "landscape",
     "light_towards",
     "oblique_board",

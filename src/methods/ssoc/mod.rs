@@ -177,13 +177,14 @@ impl Ssoc {
         control: &Control,
     ) -> Result<PreparedSsoc> {
         let casters = Casters::new(self.name(), geometry, self.opaque)?;
+        let lights: Vec<Light> = lights.iter().map(|l| casters.off_ceilings(l)).collect();
         let start = Instant::now();
         casters.connect(false, control)?;
         let adjacency = start.elapsed().as_secs_f64();
         let (mut silhouettes, mut shadow_map, mut distortion_maps) = (0.0, 0.0, 0.0);
         let mut reference_image = 0.0;
         let (mut maps, mut cells) = (Vec::new(), Vec::new());
-        for light in lights {
+        for light in &lights {
             control.check()?;
             let start = Instant::now();
             let edges = casters.silhouettes(light.center(), false);
@@ -204,7 +205,7 @@ impl Ssoc {
         }
         Ok(PreparedSsoc {
             casters,
-            lights: lights.to_vec(),
+            lights,
             maps,
             cells,
             method: *self,

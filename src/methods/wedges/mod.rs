@@ -305,15 +305,7 @@ impl PreparedWedges {
         control: &Control,
     ) -> Result<Self> {
         let casters = Casters::new(settings.method, geometry, settings.opaque)?;
-        // Only where something lies in its plane, as silhouettes jump where edges pass through the light's centre.
-        let off_ceilings = |light: &Light| {
-            if casters.lie_in_plane(light) {
-                light.lifted()
-            } else {
-                *light
-            }
-        };
-        let lights: Vec<Light> = lights.iter().map(off_ceilings).collect();
+        let lights: Vec<Light> = lights.iter().map(|l| casters.off_ceilings(l)).collect();
         let mut clock = Instant::now();
         let mut lap = || {
             let seconds = clock.elapsed().as_secs_f64();

@@ -32,6 +32,7 @@ pub(in crate::python) fn ssoc_maps<'py>(
         let frame = geometry.frame;
         let light = world.to_local(&frame);
         let casters = Casters::new("ssoc", geometry, true)?;
+        let light = casters.off_ceilings(&light);
         let edges = casters.silhouettes(light.center(), false);
         let (maps, _) = method.maps(&casters, &edges, &light, control)?;
         Ok((frame, maps))
