@@ -210,6 +210,20 @@ def test_every_method_has_a_colour_and_mark_of_its_own():
     assert len(found) == len(names)
 
 
+def test_matrix_has_a_median_for_each_pair_in_the_table_s_order():
+    rows = [("b", "pcf", 0.1, None), ("b", "hard", 0.4, None), ("a", "hard", 0.2, None)]
+    rows += [("b", "pcf", 0.3, None), ("b", "pcf", 9.0, "failed"), ("a", "pcf", np.nan, None)]
+    table = pd.DataFrame(rows, columns=["scene", "method", "mae", "error"])
+    axes = plot.matrix(table, "mae").axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["pcf", "hard"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["b", "a"]
+    shown = axes.images[0]
+    assert shown.get_array().filled(-1).tolist() == [[0.2, 0.4], [-1, 0.2]]
+    assert shown.get_clim() == (0, 0.4)
+    assert [text.get_text() for text in axes.texts] == ["0.2", "0.4", "0.2"]
+    assert plot.matrix(table, "mae", limit=1).axes[0].images[0].get_clim() == (0, 1)
+
+
 def test_versus_draws_a_line_of_medians_for_each_method():
     table = pd.DataFrame(
         {
@@ -323,6 +337,9 @@ def test_light_map_draws_layers_and_what_they_let_through():
         (lambda: plot.strip({"a": [[1.0]]}, limit=0), ValueError, "limit"),
         (lambda: plot.strip({"a": [[1.0]]}, rows=slice(1, 1)), ValueError, "no pixel"),
         (lambda: plot.scanline({"a": [[1.0]]}, 1), ValueError, "row"),
+        (lambda: plot.matrix(measured(), x="moon", y="method"), ValueError, "no column 'moon'"),
+        (lambda: plot.matrix(measured(), "moon", y="method"), ValueError, "no column 'moon'"),
+        (lambda: plot.matrix(measured(), y="method", limit=0), ValueError, "limit"),
         (lambda: plot.light_map(np.ones((2, 2))), TypeError, "got ndarray"),
     ],
 )
