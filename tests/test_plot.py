@@ -272,6 +272,11 @@ def test_scanline_finds_the_row_with_the_most_penumbra():
     assert "row 1" in plot.scanline({"reference": image}).axes[0].get_xlabel()
 
 
+def test_scanline_of_a_single_row_has_no_picture_beside_it():
+    assert len(plot.scanline({"reference": np.array([[0, 0.5, 1]])}).axes) == 1
+    assert len(plot.scanline({"reference": np.array([[0, 0.5, 1]] * 2)}).axes) == 2
+
+
 def test_light_map_draws_an_occlusion_camera():
     setup = ss.scenes.stacked_boards(16, 16)
     maps = ss.kernels.ssoc_maps(setup.scene, setup.light, ss.Ssoc(resolution=64))
