@@ -102,6 +102,18 @@ def test_layers_of_opaque_maps_end_all_light():
     assert not along.lines[1].get_xdata().any()
 
 
+def test_a_texel_starts_again_behind_what_is_opaque():
+    camera = ss.Camera((0, 0, 4), (0, 0, 0), up=(0, 1, 0), width=1, height=1)
+    depths = np.array([[[1.0, 2.0, 3.0]]])
+    own = ss.kernels.LayeredMap(camera, depths, visibility=np.array([[[0.5, 0, 0.75]]], np.float32))
+    fading = plot.layers(own, 0).axes[1].lines[0]
+    values, places = np.array(fading.get_xdata()), np.array(fading.get_ydata())
+    again = np.flatnonzero(np.isnan(values))[0]
+    assert (values[again - 1], values[again + 1]) == (0, 1)
+    assert places[again + 1] == 2  # from where it ended
+    assert values[-1] == 0.75
+
+
 def test_rays_bend_by_the_penumbras_width():
     """Beside the board the ray that just passes its edge ends where the umbra does."""
     scene, light = board()

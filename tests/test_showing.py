@@ -12,6 +12,7 @@ import pytest
 import softshadow as ss
 from imageio.v3 import imread
 from softshadow import showing
+from softshadow.figure import MOST_BYTES
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +131,7 @@ def test_noise_is_few_bytes():
     flat = np.zeros((*size, 3), dtype=np.float32)
     hit, index = np.ones(size, dtype=bool), np.zeros(size, dtype=np.int32)
     image = ss.Image(noise, flat, hit, flat, flat, index, index, index, {}, 0)
-    assert len(image._repr_png_()) <= showing.MOST_BYTES
+    assert len(image._repr_png_()) <= MOST_BYTES
 
 
 def test_a_comparison_is_its_table_with_the_front_and_a_strip(result):
@@ -142,7 +143,7 @@ def test_a_comparison_is_its_table_with_the_front_and_a_strip(result):
     assert [label for _, label in stars] == list(result.images)
     assert "on the front" in html
     assert len(pictures(html)) == 1
-    assert len(html) < showing.MOST_BYTES * 4 / 3 + 10_000
+    assert len(html) < MOST_BYTES * 4 / 3 + 10_000
 
 
 def test_a_comparison_prints_its_table(result):

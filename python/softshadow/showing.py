@@ -7,7 +7,6 @@ they are left out, so that showing a thing never fails.
 from __future__ import annotations
 
 from html import escape
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,12 +35,6 @@ MOST_LIGHTS = 4
 MOST_IMAGES = 4
 """Of a comparison's strip, beside the reference: more take seconds; `softshadow.plot.strip` draws
 all."""
-
-MOST_BYTES = 150_000
-"""Of a PNG: a notebook keeps what it shows."""
-
-_DOTS = (100, 70, 50, 35)
-"""Dots an inch, the first that gives few enough bytes."""
 
 _SIZE = (240, 180)
 """Of a scene's picture, pixels."""
@@ -165,9 +158,6 @@ def _picture(scene: Scene) -> str:
 
 
 def _png(figure: Figure) -> bytes:
-    for dots in _DOTS:
-        buffer = BytesIO()
-        figure.savefig(buffer, format="png", dpi=dots, bbox_inches="tight")
-        if buffer.tell() <= MOST_BYTES:
-            break
-    return buffer.getvalue()
+    """Return what a notebook shows of a figure, which is of few bytes."""
+    png: bytes = figure._repr_png_()
+    return png

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks
+from softshadow.extras import needs
 from softshadow.kernels import LayeredMap, OcclusionMaps
 from softshadow.plot.pictures import own_figure
 from softshadow.plot.styles import COLOURS
@@ -19,12 +21,17 @@ __all__ = ["bent_rays", "layers"]
 
 _Doubles = npt.NDArray[np.float64]
 
+_NAMED = 8
+"""Layers in the legend."""
+
 _STEPS = 200
 """Points of a ray: its curve is smooth in a figure."""
 
 
 def layers(light_map: LayeredMap, row: int, column: int | None = None) -> Figure:
     """Draw the layers of one row of a map, the light on top, and how light fades along one texel.
+
+    Layers are dark to bright from the first to the last.
 
     Parameters
     ----------
@@ -70,15 +77,19 @@ def layers(light_map: LayeredMap, row: int, column: int | None = None) -> Figure
         texel = int(fullest[len(fullest) // 2])
     else:
         texel = checks.integer(column, "column", -width, width - 1) % width
+    with needs("plot", "softshadow.plot"):
+        from matplotlib import colormaps
     figure = own_figure((11.0, 4.0))
     side, along = figure.subplots(1, 2, width_ratios=[2.4, 1], sharey=True)
+    shades = colormaps["viridis"]
     for i in range(most):
         columns = np.flatnonzero(there[:, i])
         if columns.size:
-            colour = COLOURS[i % len(COLOURS)]
+            label = f"layer {i + 1}" if i < _NAMED else "_"
             side.plot(
-                columns, depths[columns, i], ".", color=colour, markersize=3, label=f"layer {i + 1}"
-            )
+                columns, depths[columns, i], ".", color=shades(0.9 * i / max(most - 1, 1)),
+                markersize=3, label=label,
+            )  # fmt: skip
     side.axvline(texel, color="0.6", linewidth=1, zorder=0)
     side.set_ylim(*sorted(side.get_ylim(), reverse=True))
     side.set_xlabel(f"column, of row {at}")
@@ -174,8 +185,14 @@ def _fading(ax: Any, m: LayeredMap, row: int, column: int) -> None:
     depths = m.depths[row, column][found]
     behind = np.zeros(len(depths)) if m.visibility is None else m.visibility[row, column][found]
     top, bottom = sorted(ax.get_ylim())
-    values, places = np.repeat([1.0, *behind], 2), np.repeat(depths, 2)
-    ax.plot(values, [top, *places, bottom], color="black", linewidth=1.5)
+    values, places = [1.0], [top]
+    for depth, after in zip(depths, behind, strict=True):
+        if after > values[-1]:  # behind what ended all light a texel starts from 1 again
+            values += [math.nan, 1.0]
+            places += [math.nan, places[-1]]
+        values += [values[-1], float(after)]
+        places += [float(depth)] * 2
+    ax.plot([*values, values[-1]], [*places, bottom], color="black", linewidth=1.5)
     ax.plot(behind, depths, "o", color="black", markersize=4)
     ax.set_xlim(-0.05, 1.05)
     ax.set_xlabel("visibility behind a layer")
