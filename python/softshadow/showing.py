@@ -7,7 +7,7 @@ they are left out, so that showing a thing never fails.
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from softshadow.scene import Scene, scene_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from softshadow.figure import OwnFigure
 
 __all__ = ["comparison_html", "image_png", "scene_html"]
 
@@ -159,5 +161,4 @@ def _picture(scene: Scene) -> str:
 
 def _png(figure: Figure) -> bytes:
     """Return what a notebook shows of a figure, which is of few bytes."""
-    png: bytes = figure._repr_png_()
-    return png
+    return cast("OwnFigure", figure)._repr_png_()

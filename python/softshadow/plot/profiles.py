@@ -65,7 +65,7 @@ def layers(light_map: LayeredMap, row: int, column: int | None = None) -> Figure
     """
     if not isinstance(light_map, LayeredMap):
         raise TypeError(f"light_map: expected a LayeredMap, got {type(light_map).__name__}")
-    height, width, most = light_map.depths.shape
+    height, width, _ = light_map.depths.shape
     at = checks.integer(row, "row", -height, height - 1) % height
     depths = light_map.depths[at]
     there = np.isfinite(depths)
@@ -82,14 +82,14 @@ def layers(light_map: LayeredMap, row: int, column: int | None = None) -> Figure
     figure = own_figure((11.0, 4.0))
     side, along = figure.subplots(1, 2, width_ratios=[2.4, 1], sharey=True)
     shades = colormaps["viridis"]
-    for i in range(most):
+    used = int(there.any(axis=0).sum())  # layers without gaps, the first ones
+    for i in range(used):
         columns = np.flatnonzero(there[:, i])
-        if columns.size:
-            label = f"layer {i + 1}" if i < _NAMED else "_"
-            side.plot(
-                columns, depths[columns, i], ".", color=shades(0.9 * i / max(most - 1, 1)),
-                markersize=3, label=label,
-            )  # fmt: skip
+        label = f"layer {i + 1}" if i < _NAMED else "_"
+        side.plot(
+            columns, depths[columns, i], ".", color=shades(0.9 * i / max(used - 1, 1)),
+            markersize=3, label=label,
+        )  # fmt: skip
     side.axvline(texel, color="0.6", linewidth=1, zorder=0)
     side.set_ylim(*sorted(side.get_ylim(), reverse=True))
     side.set_xlabel(f"column, of row {at}")
