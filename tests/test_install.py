@@ -144,6 +144,19 @@ def test_the_core_works_with_its_own_dependencies_alone(tmp_path):
     assert _fresh(BLOCKED, SMALL, code, folder=tmp_path) == len(ss.method_names())
 
 
+def test_scenes_and_images_show_themselves_without_the_plots():
+    code = """
+        import json
+        image = ss.render(scene, camera, light, "hard")
+        print(json.dumps([scene._repr_html_(), image._repr_png_(), repr(image)]))
+    """
+    html, png, text = _fresh(BLOCKED, SMALL, code)
+    assert "<td>ground</td>" in html
+    assert "<img" not in html
+    assert png is None
+    assert text.startswith("Image(32x24, 1 light, ")
+
+
 CORNERS = "{'board': [(0, 0), (0.5, 0), (0.5, 1), (0, 1)]}"
 USES = [
     ("plot", "ss.plot.show(image)"),

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
+
 import fresh
 import numpy as np
 import pandas as pd
 import pytest
 import softshadow as ss
+from imageio.v3 import imread
 from matplotlib.figure import Figure
 from softshadow import images, plot
+from softshadow.figure import MOST_BYTES
 from softshadow.plot import styles
 from softshadow.render import Image
 
@@ -118,6 +122,17 @@ def test_figures_can_be_saved_and_shown_by_jupyter(tmp_path):
     figure.savefig(tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 1000
     assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_jupyter_gets_few_bytes_and_files_all_dots():
+    noise = np.random.default_rng(0).random((512, 512))
+    figure = plot.strip({"a": noise, "b": noise.T, "c": 1 - noise})
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    shown = figure._repr_png_()
+    assert len(shown) <= MOST_BYTES < len(file.getvalue())
+    few = plot.show(np.ones((4, 4)))._repr_png_()
+    assert imread(io.BytesIO(few)).shape[2] == 4  # as matplotlib writes it
 
 
 def test_drawing_neither_imports_pyplot_nor_chooses_a_backend():
@@ -300,6 +315,11 @@ def test_scanline_draws_one_row_and_leaves_gaps():
 def test_scanline_finds_the_row_with_the_most_penumbra():
     image = np.array([[0, 1, 0.5], [0.3, 0.4, 0.5], [1, 1, 1]])
     assert "row 1" in plot.scanline({"reference": image}).axes[0].get_xlabel()
+
+
+def test_scanline_of_a_single_row_has_no_picture_beside_it():
+    assert len(plot.scanline({"reference": np.array([[0, 0.5, 1]])}).axes) == 1
+    assert len(plot.scanline({"reference": np.array([[0, 0.5, 1]] * 2)}).axes) == 2
 
 
 def test_light_map_draws_an_occlusion_camera():

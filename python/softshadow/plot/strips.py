@@ -135,7 +135,8 @@ def scanline(
     what : {"visibility", "radiance"}
         As in `show`; of radiance the mean of the channels. Gaps are where nothing was hit.
     ax : matplotlib axes, optional
-        Where to draw; a new figure when not given, with the row marked in a picture beside it.
+        Where to draw; a new figure when not given, with the row marked in a picture beside it if
+        there is more than one.
 
     Returns
     -------
@@ -162,7 +163,9 @@ def scanline(
     else:
         at = checks.integer(row, "row", -height, height - 1) % height
     own = ax is None
-    if ax is None:
+    if ax is None and height == 1:
+        ax = own_figure((8.0, 3.4)).subplots()
+    elif ax is None:
         figure = own_figure((11.0, 3.4))
         ax, beside = figure.subplots(1, 2, width_ratios=[2.6, 1])
         draw_picture(beside, next(iter(pixels.values())), _exposure(pixels))
