@@ -84,7 +84,7 @@ def seeds(rows: pd.DataFrame, names: Sequence[str], count: int) -> None:
 
 
 def excuses(reasons: Mapping[str, ss.scenes.Excuse]) -> str:
-    """Return a case's excuses but those that nearly all cases have, methods of one reason together."""
+    """Return a case's excuses but those of nearly all cases, methods of one reason together."""
     by_reason: dict[str, list[str]] = {}
     for method, excuse in reasons.items():
         if POINTS.get(method) is not excuse:

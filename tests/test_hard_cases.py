@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import softshadow as ss
+from softshadow import cli
 from softshadow.scenes.hard_cases.case import MARGIN, RIGHT, ROUNDING
 
 HARD = ss.scenes.hard
@@ -119,3 +120,16 @@ def test_progress_is_told_and_a_wrong_name_is_an_error():
         HARD["knife"]
     with pytest.raises(ValueError, match="unknown name 'soft'"):
         HARD.compare(["fork"], ["soft"])
+
+
+def test_the_command_writes_a_page_with_what_is_hard_and_who_refuses(tmp_path, capsys):
+    page = tmp_path / "hard.html"
+    # Few methods take part, so that it is quick.
+    assert cli.main(["hard", "-o", str(page), "--case", "eclipse"]) == 0
+    assert capsys.readouterr().out == f"{page}: eclipse\n"
+    text = page.read_text()
+    assert f"<p>{HARD['eclipse'].why}</p>" in text
+    assert "shadow error" in text
+    assert "add them as meshes" in text[text.index('id="skipped"') :]
+    assert cli.main(["hard", "-o", str(page), "--case", "knife"]) == 2
+    assert "--case 'knife': expected one of half_plane, eclipse" in capsys.readouterr().err

@@ -180,6 +180,6 @@ def test_a_closed_housing_leaks_nowhere_with_all_texels_told_apart():
     """With the usual `detail` a line of receivers that see a wall edge-on is wrong."""
     answer = ss.scenes.hard["closed_housing"].answer(40, 40)
     setup = answer.setup
-    for method in (ss.Slsm(detail=1000), ss.Mtsm(detail=1000)):
+    for method in (ss.Slsm(512, detail=1000), ss.Mtsm(512, detail=1000)):
         seen = ss.render(setup.scene, setup.camera, setup.lights, method).visibility
         assert seen[answer.where].max() < 0.02

@@ -47,25 +47,24 @@ TOUCHING = {
 
 
 def _numbers_from_0_to_1(scene, camera, lights):
-    """That they are, and that both ways to count give the same bits."""
+    """Visibilities by every setting, which are that; and whether both ways to count agree."""
     seen = [ss.render(scene, camera, lights, method).visibility for method in EVERY]
     for values in seen:
         assert np.isfinite(values).all()
         assert values.min() >= 0
         assert values.max() <= 1
-    assert np.array_equal(seen[1], seen[2])
     volumes = ss.render(scene, camera, lights, ss.ShadowVolume(counting="zfail")).visibility
-    assert np.array_equal(seen[0], volumes)
-    return seen[1]
+    return seen, np.array_equal(seen[1], seen[2]) and np.array_equal(seen[0], volumes)
 
 
 @pytest.mark.parametrize("name", TOUCHING)
 def test_a_light_that_touches_an_occluder_gets_numbers_from_0_to_1(name):
     scene = over_ground(TOUCHING[name]())
-    seen = _numbers_from_0_to_1(scene, CAMERA, [*lights().values()])
+    seen, agree = _numbers_from_0_to_1(scene, CAMERA, [*lights().values()])
+    assert agree
     if name == "around the light":
         ground = ss.render(scene, CAMERA, lights()["disk"], "hard").mesh_id == 0
-        assert (seen[:, ground] == 0).all()
+        assert (seen[1][:, ground] == 0).all()
 
 
 @pytest.mark.parametrize("name", ss.scenes.hard)
@@ -73,7 +72,9 @@ def test_every_setting_gives_numbers_from_0_to_1_in_all_hard_cases(name):
     case = ss.scenes.hard[name]
     setup = case.make(*SIZE)
     if "wedges" in case.measured:
-        _numbers_from_0_to_1(setup.scene, setup.camera, setup.lights)
+        _, agree = _numbers_from_0_to_1(setup.scene, setup.camera, setup.lights)
+        # As the page of `shadow_volume` says: a light's centre in the middle of a face.
+        assert agree == (name != "pierced_light")
 
 
 @pytest.mark.parametrize("name", ["fin", "turned_faces", "degenerate_mesh"])

@@ -285,7 +285,7 @@ def hard(
     notes = {name: cases[name].why for name in names}
     command = [shlex.join(_command())]
     page = write_report(found, output, title="Hard cases", commands=command, notes=notes)
-    typer.echo(f"{page}: {len(names)} cases")
+    typer.echo(f"{page}: {', '.join(names)}")
 
 
 def _command() -> list[str]:

@@ -7,6 +7,7 @@ from softshadow.scenes.hard_cases.case import HardCase
 from softshadow.scenes.hard_cases.excuses import (
     COARSE,
     EDGE_ON,
+    FACING,
     GRAZING,
     INSIDE,
     LAYERS,
@@ -216,19 +217,27 @@ _MESHES = (
         "fence",
         "Boards without thickness in planes through the light's centre, which sees none of them.",
         meshes.fence,
-        excuses=POINTS | by(EDGE_ON, *_MAPS) | by(SILHOUETTE, *_EDGES),
+        excuses=POINTS
+        | by(FACING, "shadow_volume")
+        | by(EDGE_ON, *_MAPS)
+        | by(SILHOUETTE, *_EDGES),
     ),
     HardCase(
         "edge_on_triangle",
         "One such triangle, in the air.",
         meshes.edge_on_triangle,
-        excuses=POINTS | by(COARSE, "accumulation") | by(EDGE_ON, *_MAPS) | by(SILHOUETTE, *_EDGES),
+        excuses=POINTS
+        | by(FACING, "shadow_volume")
+        | by(COARSE, "accumulation")
+        | by(EDGE_ON, *_MAPS)
+        | by(SILHOUETTE, *_EDGES),
     ),
     HardCase(
         "aimed_box",
         "A box whose upright edges point at the light's centre, which sees none of its sides.",
         meshes.aimed_box,
         excuses=POINTS
+        | by(FACING, "shadow_volume")
         | by(ONE_DEPTH, *_FILTERED, "convolution")
         | by(LAYERS, "slsm")
         | by(SILHOUETTE, *_EDGES),

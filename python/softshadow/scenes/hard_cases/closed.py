@@ -12,24 +12,25 @@ from softshadow.light import SphereLight
 from softshadow.render import Image
 from softshadow.scene import Scene
 from softshadow.scenes.basic import half_plane
-from softshadow.scenes.hard_cases.stage import KINDS
-from softshadow.scenes.staging import PLANE_ALBEDO, Setup, light_towards, square
+from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
 __all__ = ["eclipse", "eclipse_visibility", "edge", "edge_visibility", "nothing"]
 
 _Array = npt.NDArray[np.float64]
 
+_KINDS: tuple[LightKind, ...] = ("rect", "disk", "sphere")
+
 
 def edge(width: int, height: int) -> Setup:
     """Return a half-plane under lights of all shapes."""
-    first, *others = (half_plane(width, height, kind) for kind in KINDS)
+    first, *others = (half_plane(width, height, kind) for kind in _KINDS)
     lights = tuple(setup.light for setup in others)
     return Setup(first.scene, first.camera, first.light, more_lights=lights)
 
 
 def edge_visibility(image: Image) -> _Array:
     """Return the closed form of `edge` on the receiver."""
-    known = [half_plane(1, 1, kind).visibility for kind in KINDS]
+    known = [half_plane(1, 1, kind).visibility for kind in _KINDS]
     seen = np.stack([f(image.position) for f in known if f is not None])
     return np.where(image.mesh_id == 0, seen, np.nan)
 

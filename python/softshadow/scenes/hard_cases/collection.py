@@ -54,6 +54,11 @@ _SMALLER: dict[str, Method] = {
 class HardCases(Mapping[str, HardCase]):
     """Hard cases by name; `softshadow.scenes.hard` is the one there is.
 
+    Parameters
+    ----------
+    cases : iterable of HardCase
+        In the order that they are listed in.
+
     Examples
     --------
     >>> import softshadow as ss

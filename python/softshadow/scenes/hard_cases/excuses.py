@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from softshadow._core import UnsupportedError
 from softshadow.scenes.hard_cases.case import Excuse
 
@@ -10,6 +9,7 @@ __all__ = [
     "CENTRE",
     "COARSE",
     "EDGE_ON",
+    "FACING",
     "GRAZING",
     "GROWN",
     "INSIDE",
@@ -26,6 +26,7 @@ __all__ = [
 ]
 
 CENTRE = Excuse("It sees one point of the light, its centre.")
+FACING = Excuse("Faces in whose plane the light's centre lies are dark, where half of it is seen.")
 GROWN = Excuse(
     "Umbras are too large by half a penumbra, and what is small is as dark as what is large."
 )
@@ -33,8 +34,8 @@ ONE_DEPTH = Excuse("All that casts on a receiver counts as if it were at one dep
 EDGE_ON = Excuse("The light's centre sees this edge-on: in its maps it has no texel.")
 SILHOUETTE = Excuse("One silhouette, that of the light's centre, stands for all of the light.")
 LAYERS = Excuse("What is hidden from the light's centre is in no layer of its map.")
-TEXELS = Excuse("What casts is thinner than a texel.")
-COARSE = Excuse("The same few light points for all receivers: their steps show.")
+TEXELS = Excuse("What counts here is a texel or two wide in maps of 256.")
+COARSE = Excuse("The same 64 light points for all receivers: their steps show.")
 GRAZING = Excuse("What is seen under a few degrees spans far more depth than a texel tells.")
 INSIDE = Excuse(
     "What reaches into the light comes so near to its eye that no map or silhouette holds it."

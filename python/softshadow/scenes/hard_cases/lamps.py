@@ -10,7 +10,6 @@ from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.scene import Scene
 from softshadow.scenes.hard_cases.stage import (
     CENTER,
-    KINDS,
     MeshData,
     board,
     box,
@@ -73,7 +72,7 @@ def flush_lamp_in_a_roof(width: int, height: int) -> Setup:
 def _by_the_light(width: int, height: int, mesh: MeshData) -> Setup:
     scene = over_ground(mesh, half=2.0)
     camera = Camera((0, -1.8, 1.2), (0, 0.5, 0), (0, 0, 1), 60.0, width, height)
-    return lit(scene, camera, (0, 0, 2), 0.2, KINDS)
+    return lit(scene, camera, (0, 0, 2), 0.2, ("rect", "sphere"))
 
 
 def wall_by_the_light(width: int, height: int) -> Setup:
@@ -126,7 +125,7 @@ def grazing_light(width: int, height: int) -> Setup:
 def terminator(width: int, height: int) -> Setup:
     """Return a lying cylinder, on which lights set, under a rod."""
     lying = trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0))
-    round_ = trimesh.creation.cylinder(0.4, 1.4, sections=96).apply_transform(lying)
+    round_ = trimesh.creation.cylinder(0.4, 1.4, sections=48).apply_transform(lying)
     round_.apply_translation((0, 0, 0.4))
     rod = box((0.1, 1.2, 0.05), (0.1, 0.0, 1.0), 25.0)
     meshes = (np.asarray(round_.vertices), np.asarray(round_.faces, dtype=np.int64)), rod

@@ -11,11 +11,9 @@ from softshadow.light import Light
 from softshadow.scene import Scene
 from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
-__all__ = ["CENTER", "KINDS", "MeshData", "board", "box", "lit", "over_ground", "view"]
+__all__ = ["CENTER", "MeshData", "board", "box", "lit", "over_ground", "view"]
 
 MeshData = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
-
-KINDS: tuple[LightKind, ...] = ("rect", "disk", "sphere")
 
 CENTER = (0.5, -0.3, 2.0)
 """Of most lights: no edge through two corners of a scene meets it by chance."""
