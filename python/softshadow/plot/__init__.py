@@ -2,8 +2,8 @@
 
 `show` and `compare` draw one image or two; `strip` and `scanline` several images with their signed
 errors; `pareto`, `versus` and `matrix` a table of measured cases, as `softshadow.compare` makes it.
-What `softshadow.kernels` returns is drawn by `light_map`, `layers` and `bent_rays` (a light's maps),
-`wedges`, `silhouettes` and `light_intensity`.
+What `softshadow.kernels` returns is drawn by `light_map`, `layers` and `bent_rays` (a light's
+maps), `wedges`, `silhouettes` and `light_intensity`.
 
 The figures belong to the caller, not to pyplot: nothing opens a window, nothing needs a display,
 and a notebook shows a returned figure once. Save one with ``figure.savefig("shadow.png")``. To draw
