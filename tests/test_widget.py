@@ -222,6 +222,8 @@ def test_a_page_without_a_kernel_has_the_picture():
     data, _ = moving._repr_mimebundle_()
     assert base64.b64decode(data["image/jpeg"]) == moving.picture
     assert "application/vnd.jupyter.widget-view+json" in data
+    assert "0x" not in data["text/plain"]  # the same in every run
+    assert data["text/plain"].startswith("ShadowWidget(method='wedges', what='radiance', light=")
 
 
 PAGE = """<!DOCTYPE html><meta charset="utf-8"><style>{css}</style><div id="here"></div>

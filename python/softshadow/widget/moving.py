@@ -206,6 +206,9 @@ class ShadowWidget(AnyWidget):
         )
         return file.getvalue()
 
+    def __repr__(self) -> str:
+        return f"ShadowWidget(method={self.method!r}, what={self.what!r}, light={self.light})"
+
     def _repr_mimebundle_(self, **kwargs: Any) -> Any:
         """Add the picture, for pages where no kernel runs."""
         bundle = super()._repr_mimebundle_(**kwargs)
