@@ -12,7 +12,7 @@ import softshadow as ss
 from imageio.v3 import imread
 from matplotlib.figure import Figure
 from softshadow import images, plot
-from softshadow.figure import MOST_BYTES
+from softshadow.figure import MOST_BYTES, _with_palette
 from softshadow.plot import styles
 from softshadow.render import Image
 
@@ -129,10 +129,18 @@ def test_jupyter_gets_few_bytes_and_files_all_dots():
     figure = plot.strip({"a": noise, "b": noise.T, "c": 1 - noise})
     file = io.BytesIO()
     figure.savefig(file, format="png")
-    shown = figure._repr_png_()
-    assert len(shown) <= MOST_BYTES < len(file.getvalue())
+    assert len(figure._repr_png_()) <= MOST_BYTES < len(file.getvalue())
     few = plot.show(np.ones((4, 4)))._repr_png_()
     assert imread(io.BytesIO(few)).shape[2] == 4  # as matplotlib writes it
+
+
+def test_a_palette_keeps_rare_colours():
+    """The colour bar's, beside pictures of many greys; measured: 9 levels of 255."""
+    rng = np.random.default_rng(0)
+    figure = plot.compare(rng.random((300, 300)), rng.random((300, 300)))
+    png = figure._drawn(figure.dpi)
+    whole, few = (imread(io.BytesIO(p), mode="RGB").astype(int) for p in (png, _with_palette(png)))
+    assert np.abs(few - whole).max() < 16
 
 
 def test_drawing_neither_imports_pyplot_nor_chooses_a_backend():

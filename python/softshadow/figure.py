@@ -35,10 +35,11 @@ class OwnFigure(Figure):
 
 
 def _with_palette(png: bytes) -> bytes:
-    """Return a PNG with 256 colours."""
+    """Return a PNG with 256 colours, of which one is within a few levels of every colour."""
     from PIL import Image  # matplotlib needs it, too
 
     picture = Image.open(BytesIO(png)).convert("RGB")
     buffer = BytesIO()
-    picture.quantize(256, dither=Image.Dither.NONE).save(buffer, "png", optimize=True)
+    few = picture.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(buffer, "png", optimize=True)
     return buffer.getvalue()
