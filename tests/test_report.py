@@ -15,6 +15,7 @@ import pytest
 import softshadow as ss
 from browser import BROWSER, command, printed
 from softshadow import cli
+from softshadow.report import sections
 from softshadow.report.tables import read_table
 from softshadow.scenes import stanford_bunny_path
 
@@ -191,6 +192,22 @@ def test_several_comparisons_are_scenes_of_one_page(result, tmp_path):
     assert "2 settings" in text
     assert text.count("<h3>first</h3>") == text.count("<h3>second</h3>") == 1
     assert "reference of second" in text
+
+
+def test_notes_are_said_over_pictures_and_many_scenes_are_folded_away(
+    result, tmp_path, monkeypatch
+):
+    found = {"first": result, "second": result}
+    notes = {"second": "Boards <over> boards."}
+    text = ss.report(found, tmp_path / "a.html", notes=notes).read_text()
+    second = text[text.index("<h3>second</h3>") :]
+    assert second.startswith("<h3>second</h3>\n<p>Boards &lt;over&gt; boards.</p>\n<figure>")
+    assert "<details>" not in text
+    monkeypatch.setattr(sections, "_OPEN", 1)
+    text = ss.report(found, tmp_path / "a.html", notes=notes).read_text()
+    # Their figures of the front, and their pictures.
+    assert text.count("<details><summary>second</summary>") == 2
+    assert _Elements(text).open == []
 
 
 def test_pictures_that_a_table_names_are_shown(result, tmp_path):

@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 _OPEN = 6
-"""Settings whose figures are shown at once; more are folded away, each under its name."""
+"""Settings or scenes whose figures are shown at once; more are folded away, each under its name."""
 
 _FIRST = [
     *("scene", "light", "camera", "method", "parameters", "prepare_seconds", "frame_seconds"),
@@ -66,7 +66,7 @@ def front_figures(rows: pd.DataFrame) -> str:
     for name, chosen in found.items():
         drawn = _front_figure(rows.iloc[chosen[ok[chosen]]], name)
         if len(found) > _OPEN and drawn:
-            drawn = f"<details><summary>{escape(name)}</summary>{drawn}</details>\n"
+            drawn = _folded(name, drawn)
         out.append(drawn)
     return "".join(out)
 
@@ -126,14 +126,24 @@ def pictures(images: Pictures | Mapping[str, Pictures] | None, notes: Mapping[st
         isinstance(value, (Comparison, Mapping)) for value in images.values()
     ):
         scenes = dict(images)
-    return "".join(_scene(name, given, notes.get(name, "")) for name, given in scenes.items())
+    drawn = {name: _scene(name, given, notes.get(name, "")) for name, given in scenes.items()}
+    if len(drawn) <= _OPEN:
+        return "".join(_heading(name) + body for name, body in drawn.items())
+    return "".join(_folded(name, body) for name, body in drawn.items())
+
+
+def _heading(name: str) -> str:
+    return f"<h3>{escape(name)}</h3>\n" if name else ""
+
+
+def _folded(name: str, body: str) -> str:
+    return f"<details><summary>{escape(name)}</summary>{body}</details>\n"
 
 
 def _scene(name: str, images: Pictures, note: str) -> str:
     from softshadow.plot import scanline, strip
 
-    heading = f"<h3>{escape(name)}</h3>\n" if name else ""
-    heading += f"<p>{escape(note)}</p>\n" if note else ""
+    said = f"<p>{escape(note)}</p>\n" if note else ""
     lit = ""
     if isinstance(images, Comparison):
         from softshadow.plot import show
@@ -147,7 +157,7 @@ def _scene(name: str, images: Pictures, note: str) -> str:
         "png",
     )
     lines = figure(scanline(images), "Visibility along the row of pixels with the most penumbra")
-    return heading + lit + strips + lines
+    return said + lit + strips + lines
 
 
 def failures(rows: pd.DataFrame, skipped: Mapping[str, str]) -> str:

@@ -143,7 +143,8 @@ class HardCase:
         float
             In the measure of `Answer.error`; NaN where nothing was measured.
         """
-        return max(MARGIN * self.measured.get(method, math.nan), ROUNDING)
+        error = self.measured.get(method)
+        return math.nan if error is None else max(MARGIN * error, ROUNDING)
 
     def answer(self, width: int = SIZE[0], height: int = SIZE[1]) -> Answer:
         """Return what the picture should be.
@@ -158,8 +159,7 @@ class HardCase:
         Answer
         """
         setup = self.make(width, height)
-        known = self.closed_form
-        image = render(setup.scene, setup.camera, setup.lights, "hard" if known else REFERENCE)
+        image = render(setup.scene, setup.camera, setup.lights, REFERENCE)
         entries = setup.scene.entries
         receives = np.array([e.receives for e in entries] + [False])[image.mesh_id]
         where = np.broadcast_to(receives, image.visibility.shape)
@@ -167,9 +167,9 @@ class HardCase:
         p, n = image.position[receives], image.normal[receives].astype(np.float64)
         for k, light in enumerate(setup.lights):
             above[k][receives] = light_fraction_above(light, p, n)
-        if known is None:
+        if self.closed_form is None:
             return Answer(setup, image, where, above)
-        exact = known(image)
+        exact = self.closed_form(image)
         where = where & np.isfinite(exact)
         right = np.where(where, exact, above).astype(np.float32)
         return Answer(setup, replace(image, visibility=right), where, above)

@@ -46,7 +46,7 @@ _ANSWERS = (
     ),
     HardCase(
         "closed_housing",
-        "Lamps in a closed box: all is dark, and no ray may pass a corner.",
+        "A lamp in a closed box: all is dark, and no ray may pass a corner.",
         lamps.closed_housing,
         closed.nothing,
     ),
@@ -123,7 +123,7 @@ _LAMPS = (
     ),
     HardCase(
         "terminator",
-        "Lights that set on a curved surface: its tangent planes cut them, and a rod does, too.",
+        "A light that sets on a curved surface: its tangent planes cut it, and a rod does, too.",
         lamps.terminator,
         excuses=POINTS,
     ),

@@ -17,7 +17,7 @@ from softshadow.scenes.hard_cases.stage import (
     over_ground,
     view,
 )
-from softshadow.scenes.staging import Setup
+from softshadow.scenes.staging import LightKind, Setup
 
 __all__ = [
     "caster_at_the_light",
@@ -69,27 +69,27 @@ def flush_lamp_in_a_roof(width: int, height: int) -> Setup:
     return _room(width, height, (1, 0.4, 0.2), 0.7)
 
 
-def _by_the_light(width: int, height: int, mesh: MeshData) -> Setup:
+def _by_the_light(width: int, height: int, mesh: MeshData, kinds: tuple[LightKind, ...]) -> Setup:
     scene = over_ground(mesh, half=2.0)
     camera = Camera((0, -1.8, 1.2), (0, 0.5, 0), (0, 0, 1), 60.0, width, height)
-    return lit(scene, camera, (0, 0, 2), 0.2, ("rect", "sphere"))
+    return lit(scene, camera, (0, 0, 2), 0.2, kinds)
 
 
 def wall_by_the_light(width: int, height: int) -> Setup:
-    """Return a wall beside lights, as high above them as below."""
-    return _by_the_light(width, height, board((0, 0.2, 2), (1, 0, 0), (0, 0, 1)))
+    """Return a wall beside a light, as high above it as below."""
+    return _by_the_light(width, height, board((0, 0.2, 2), (1, 0, 0), (0, 0, 1)), ("disk",))
 
 
 def open_housing(width: int, height: int) -> Setup:
     """Return lights in a box that is open below."""
     vertices, faces = box((1.0, 0.4, 1.0), (0, 0, 2))
     above = vertices[faces][..., 2].max(axis=1) > 1.5
-    return _by_the_light(width, height, (vertices, faces[above]))
+    return _by_the_light(width, height, (vertices, faces[above]), ("rect", "sphere"))
 
 
 def closed_housing(width: int, height: int) -> Setup:
-    """Return lights in a closed box."""
-    return _by_the_light(width, height, box((1.0, 0.4, 1.0), (0, 0, 2)))
+    """Return a light in a closed box."""
+    return _by_the_light(width, height, box((1.0, 0.4, 1.0), (0, 0, 2)), ("sphere",))
 
 
 def pierced_light(width: int, height: int) -> Setup:
@@ -123,7 +123,7 @@ def grazing_light(width: int, height: int) -> Setup:
 
 
 def terminator(width: int, height: int) -> Setup:
-    """Return a lying cylinder, on which lights set, under a rod."""
+    """Return a lying cylinder, on which a light sets, under a rod."""
     lying = trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0))
     round_ = trimesh.creation.cylinder(0.4, 1.4, sections=48).apply_transform(lying)
     round_.apply_translation((0, 0, 0.4))
@@ -131,7 +131,7 @@ def terminator(width: int, height: int) -> Setup:
     meshes = (np.asarray(round_.vertices), np.asarray(round_.faces, dtype=np.int64)), rod
     camera = Camera((0.3, -1.1, 2.5), (0, 0, 0.35), (0, 0, 1), 38.0, width, height)
     center, aim = (0.3, 2.2, 1.2), (0, 0, 0.4)
-    return lit(over_ground(*meshes), camera, center, 0.6, ("rect", "sphere"), aim)
+    return lit(over_ground(*meshes), camera, center, 0.6, ("sphere",), aim)
 
 
 def lamp_in_a_room(width: int, height: int) -> Setup:
