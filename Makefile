@@ -3,12 +3,12 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
-EXTRAS := plot,metrics,io,cli,sweep,cluster,bake,scenes,mitsuba
+EXTRAS := plot,metrics,io,cli,sweep,cluster,bake,scenes,mitsuba,widget
 # Tests in processes of their own, one a core; neighbours share what a file prepares.
 PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml
 
-.PHONY: demo docs test test-rust test-python test-slow lint lint-rust lint-python bench fuzz wheels aarch64 clean
+.PHONY: demo docs test test-rust test-python test-slow notebooks lint lint-rust lint-python bench fuzz wheels aarch64 clean
 .DEFAULT_GOAL := test
 
 $(VENV)/.tools: pyproject.toml requirements-dev.txt
@@ -52,6 +52,10 @@ test-python: $(STAMP)
 test-slow: $(STAMP)
 	$(BIN)/python -m pytest $(PARALLEL) -m slow
 
+## Runs the notebooks, or those of NOTEBOOKS, and stores them with their outputs.
+notebooks: $(STAMP)
+	$(BIN)/python tests/run_notebooks.py $(NOTEBOOKS)
+
 ## Runs the Rust tests for AArch64, whose bits must be those of x86-64: with a cross compiler and QEMU's user mode
 ## (Debian: gcc-aarch64-linux-gnu, libc6-dev-arm64-cross and qemu-user; and rustup target add $(AARCH64)).
 AARCH64 := aarch64-unknown-linux-gnu
@@ -71,8 +75,8 @@ lint-rust:
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --no-default-features --document-private-items --quiet
 
 lint-python: $(STAMP)
-	$(BIN)/ruff format --check python tests benches examples docs/*.py
-	$(BIN)/ruff check python tests benches examples docs/*.py
+	$(BIN)/ruff format --check python tests benches examples notebooks docs/*.py
+	$(BIN)/ruff check python tests benches examples notebooks docs/*.py
 	$(BIN)/mypy
 	$(BIN)/stubtest softshadow._core
 
@@ -85,6 +89,7 @@ bench: $(STAMP)
 	$(BIN)/python benches/single_sample.py
 	$(BIN)/python benches/map_rivals.py
 	$(BIN)/python benches/layered.py
+	$(BIN)/python benches/widget.py
 
 ## Random scenes through all methods for an hour, from case SEED on; see tests/fuzz.
 SECONDS ?= 3600

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import imageio.v3 as imageio
 import numpy as np
 import pytest
 import softshadow as ss
+import trimesh
 from shapes import quad
 from softshadow import kernels
 
@@ -191,3 +194,89 @@ def test_bad_input(scene):
         bake.of("sail")
     with pytest.raises(IndexError):
         bake[1]
+
+
+def _written(bake, path, **options):
+    """A GLB as trimesh and its JSON have it."""
+    bake.to_glb(path, **options)
+    data = path.read_bytes()
+    length = int.from_bytes(data[12:16], "little")
+    return trimesh.load(path, process=False), json.loads(data[20 : 20 + length])
+
+
+def _levels(texture, exposure):
+    return np.rint(255 * ss.images.to_srgb(texture.radiance, exposure)).astype(np.uint8)
+
+
+def test_a_glb_has_the_textures_bits_and_triangles(scene, tmp_path):
+    bake = ss.bake(scene, LIGHT, ["ground", "sail"], ss.Accumulation(16, max_size=32))
+    read, tree = _written(bake, tmp_path / "baked.glb", exposure=2.0)
+    assert list(read.geometry) == ["ground_0", "sail_1"]
+    for texture, mesh in zip(bake, read.geometry.values(), strict=True):
+        bits = np.asarray(mesh.visual.material.baseColorTexture.convert("RGB"))
+        assert np.array_equal(bits, _levels(texture, 2.0))
+        entry = scene[texture.receiver]
+        assert np.allclose(
+            sorted(mesh.triangles.reshape(-1, 9).tolist()),
+            sorted(entry.world_vertices()[entry.faces].reshape(-1, 9).tolist()),
+            atol=1e-6,
+        )
+    # No viewer adds light to it, and no border shows the other side.
+    assert tree["extensionsUsed"] == ["KHR_materials_unlit"]
+    assert all(m["extensions"] == {"KHR_materials_unlit": {}} for m in tree["materials"])
+    assert tree["samplers"] == [{"wrapS": 33071, "wrapT": 33071}]
+    assert [t["sampler"] for t in tree["textures"]] == [0, 0]
+
+
+@pytest.mark.parametrize("receiver", ["ground", "sail", "pipe"])
+def test_a_glb_has_every_texel_where_it_was_baked(scene, receiver, tmp_path):
+    """The radiance in the middle of triangles, looked up where viewers look it up."""
+    unwrapped = {"pipe": _cylinder()[1]} if receiver == "pipe" else None
+    bake = ss.bake(scene, LIGHT, receiver, TRACED, uv=unwrapped, size=256, max_size=256)
+    read, _ = _written(bake, tmp_path / "baked.glb")
+    mesh = read.geometry[f"{receiver}_0"]
+    shades = np.asarray(mesh.visual.material.baseColorTexture.convert("RGB"))
+    height, width = shades.shape[:2]
+    middles, uv = mesh.triangles_center, mesh.visual.uv[mesh.faces].mean(axis=1)
+    # trimesh has v from below, as the arrays; glTF's own runs from above.
+    texel = shades[
+        np.floor((1 - uv[:, 1]) * height).astype(int), np.floor(uv[:, 0] * width).astype(int)
+    ]
+    normals = np.cross(*np.moveaxis(mesh.triangles[:, 1:] - mesh.triangles[:, :1], 1, 0))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    seen = ss.visibility(scene, middles, normals, LIGHT, TRACED)
+    whole = kernels.unshadowed_irradiance(LIGHT, middles, normals)
+    part = np.maximum(kernels.light_fraction_above(LIGHT, middles, normals), 1e-9)
+    arriving = (whole * seen / part)[:, None] / np.pi * np.array(LIGHT.radiance)
+    radiance = arriving * np.array(scene[receiver].albedo)
+    exposure = ss.images.auto_exposure(bake[0].radiance)
+    expected = 255 * ss.images.to_srgb(radiance[None], exposure)[0]
+    # Half a texel is 1 / 256 of a side, over which nothing here changes by more.
+    assert np.abs(texel - expected).max() < 6
+    assert expected.max() > 100
+
+
+def test_a_glb_stands_upright_and_shows_the_side_that_was_baked(scene, tmp_path):
+    file = tmp_path / "baked.glb"
+    method = ss.Accumulation(4, max_size=16)
+    for up, axis in (("z", (0, 1, 0)), ("y", (0, 0, 1))):
+        read, _ = _written(ss.bake(scene, LIGHT, "ground", method), file, up=up)
+        transform, name = read.graph["ground_0"]
+        assert transform[:3, :3] @ (0, 0, 1) == pytest.approx(axis)
+        assert np.linalg.det(transform) == pytest.approx(1)
+        assert read.geometry[name].face_normals == pytest.approx(np.array([(0, 0, 1)] * 2))
+    read, _ = _written(ss.bake(scene, LIGHT, "ground", method, side="back"), file)
+    assert read.geometry["ground_0"].face_normals == pytest.approx(np.array([(0, 0, -1)] * 2))
+
+
+def test_what_a_glb_cannot_be_is_an_error(scene, tmp_path):
+    bake = ss.bake(scene, LIGHT, "ground", ss.Accumulation(4, max_size=16))
+    for path, options, error, message in [
+        ("a.gltf", {}, ValueError, "expected one of .glb"),
+        ("missing/a.glb", {}, FileNotFoundError, "there is no folder"),
+        ("a.glb", dict(up="x"), ValueError, "up: expected 'y' or 'z'"),
+        ("a.glb", dict(exposure=0), ValueError, "exposure"),
+    ]:
+        with pytest.raises(error, match=message):
+            bake.to_glb(tmp_path / path, **options)
+    assert not list(tmp_path.iterdir())

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 OPTIONAL = [
     *("IPython", "OpenEXR", "PIL", "drjit", "flip_evaluator", "imageio", "ipywidgets"),
     *("matplotlib", "mitsuba", "networkx", "pandas", "rich", "scipy", "skimage", "typer"),
-    *("dask", "distributed", "pyarrow"),
+    *("anywidget", "dask", "distributed", "pyarrow"),
 ]
 """Modules of the extras, and what comes with them."""
 
@@ -99,20 +99,20 @@ def test_parts_that_are_imported_when_used_are_there():
 
 
 def test_functions_stay_functions_whatever_is_imported():
-    """Four functions are named as the modules that they are from."""
+    """Some functions are named as the modules that they are from."""
     for first in (
         *("softshadow.bake.textures", "softshadow.compare", "softshadow.render"),
-        "softshadow.sweep.work",
+        *("softshadow.sweep.work", "softshadow.widget.moving"),
     ):
         code = f"""
             import json
             import {first}
             import softshadow as ss
             import softshadow.bake, softshadow.kernels.wedges, softshadow.render, softshadow.sweep
-            same = [ss.bake, ss.compare, ss.render, ss.kernels.wedges, ss.sweep]
+            same = [ss.bake, ss.compare, ss.render, ss.kernels.wedges, ss.sweep, ss.widget]
             print(json.dumps([callable(x) for x in same]))
         """
-        assert _fresh(code) == [True] * 5
+        assert _fresh(code) == [True] * 6
 
 
 def test_the_core_works_with_its_own_dependencies_alone(tmp_path):
@@ -144,6 +144,19 @@ def test_the_core_works_with_its_own_dependencies_alone(tmp_path):
     assert _fresh(BLOCKED, SMALL, code, folder=tmp_path) == len(ss.method_names())
 
 
+def test_scenes_and_images_show_themselves_without_the_plots():
+    code = """
+        import json
+        image = ss.render(scene, camera, light, "hard")
+        print(json.dumps([scene._repr_html_(), image._repr_png_(), repr(image)]))
+    """
+    html, png, text = _fresh(BLOCKED, SMALL, code)
+    assert "<td>ground</td>" in html
+    assert "<img" not in html
+    assert png is None
+    assert text.startswith("Image(32x24, 1 light, ")
+
+
 CORNERS = "{'board': [(0, 0), (0.5, 0), (0.5, 1), (0, 1)]}"
 USES = [
     ("plot", "ss.plot.show(image)"),
@@ -156,6 +169,7 @@ USES = [
     ("io", "ss.images.write('a.png', image.visibility)"),
     ("io", "ss.images.write('a.exr', image.visibility)"),
     ("io", "ss.Scene.load(zipped('a.3mf'))"),
+    ("io", "ss.bake(scene, light, 'ground', max_size=16).to_glb('a.glb')"),
     ("cli", "import softshadow.cli"),
     ("sweep", "ss.sweep(ss.grid(scene, light, camera, 'hard'), 'results.parquet')"),
     ("cluster", "from softshadow.sweep import pools; pools.cluster('tcp://a:1').__enter__()"),
@@ -164,6 +178,7 @@ USES = [
     ("scenes", "ss.scenes.fork(16, 16)"),
     ("scenes", "ss.scenes.statue(16, 16)"),
     ("mitsuba", "ss.mitsuba.render(scene, camera, light)"),
+    ("widget", "ss.widget(scene, camera, light)"),
 ]
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
+
 import fresh
 import numpy as np
 import pandas as pd
 import pytest
 import softshadow as ss
+from imageio.v3 import imread
 from matplotlib.figure import Figure
 from softshadow import images, plot
+from softshadow.figure import MOST_BYTES, _with_palette
 from softshadow.plot import styles
 from softshadow.render import Image
 
@@ -120,6 +124,25 @@ def test_figures_can_be_saved_and_shown_by_jupyter(tmp_path):
     assert figure._repr_png_().startswith(b"\x89PNG")
 
 
+def test_jupyter_gets_few_bytes_and_files_all_dots():
+    noise = np.random.default_rng(0).random((512, 512))
+    figure = plot.strip({"a": noise, "b": noise.T, "c": 1 - noise})
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    assert len(figure._repr_png_()) <= MOST_BYTES < len(file.getvalue())
+    few = plot.show(np.ones((4, 4)))._repr_png_()
+    assert imread(io.BytesIO(few)).shape[2] == 4  # as matplotlib writes it
+
+
+def test_a_palette_keeps_rare_colours():
+    """The colour bar's, beside pictures of many greys; measured: 9 levels of 255."""
+    rng = np.random.default_rng(0)
+    figure = plot.compare(rng.random((300, 300)), rng.random((300, 300)))
+    png = figure._drawn(figure.dpi)
+    whole, few = (imread(io.BytesIO(p), mode="RGB").astype(int) for p in (png, _with_palette(png)))
+    assert np.abs(few - whole).max() < 16
+
+
 def test_drawing_neither_imports_pyplot_nor_chooses_a_backend():
     code = (
         "import io, sys, numpy, softshadow as ss\n"
@@ -210,6 +233,20 @@ def test_every_method_has_a_colour_and_mark_of_its_own():
     assert len(found) == len(names)
 
 
+def test_matrix_has_a_median_for_each_pair_in_the_table_s_order():
+    rows = [("b", "pcf", 0.1, None), ("b", "hard", 0.4, None), ("a", "hard", 0.2, None)]
+    rows += [("b", "pcf", 0.3, None), ("b", "pcf", 9.0, "failed"), ("a", "pcf", np.nan, None)]
+    table = pd.DataFrame(rows, columns=["scene", "method", "mae", "error"])
+    axes = plot.matrix(table, "mae").axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["pcf", "hard"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["b", "a"]
+    shown = axes.images[0]
+    assert shown.get_array().filled(-1).tolist() == [[0.2, 0.4], [-1, 0.2]]
+    assert shown.get_clim() == (0, 0.4)
+    assert [text.get_text() for text in axes.texts] == ["0.2", "0.4", "0.2"]
+    assert plot.matrix(table, "mae", limit=1).axes[0].images[0].get_clim() == (0, 1)
+
+
 def test_versus_draws_a_line_of_medians_for_each_method():
     table = pd.DataFrame(
         {
@@ -230,6 +267,22 @@ def test_versus_takes_texts_in_the_table_s_order_and_wide_ranges_as_logarithms()
     axes = plot.versus(table, "shape", "frame_seconds").axes[0]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["rect", "disk", "sphere"]
     assert axes.get_yscale() == "log"
+
+
+def test_versus_draws_settings_of_a_method_apart_and_plain_numbers_on_logarithms():
+    labels = ["hard", *(f"ray_traced(samples={n})" for n in (4, 16, 64, 256)), "pcf"]
+    rows = [(label, x, 0.01 * x * (i + 1)) for i, label in enumerate(labels) for x in (0.1, 1, 4)]
+    figure = plot.versus(pd.DataFrame(rows, columns=["label", "x", "mae"]), "x", "mae", by="label")
+    axes = figure.axes[0]
+    drawn_as = {(x.get_color(), x.get_marker(), x.get_linestyle()) for x in axes.lines}
+    assert len(drawn_as) == len(labels)
+    assert len({x.get_color() for x in axes.lines if "ray_traced" in x.get_label()}) == 1
+    assert axes.get_xscale() == "log"
+    figure.draw_without_rendering()
+    ticks = axes.get_xticklabels(which="both")
+    texts = {tick.get_text() for tick in ticks}
+    assert {"0.1", "0.2", "0.5", "1", "2"} <= texts
+    assert not any("10^" in text for text in texts)
 
 
 def test_strip_has_the_reference_first_and_one_scale_for_all_errors():
@@ -272,6 +325,11 @@ def test_scanline_finds_the_row_with_the_most_penumbra():
     assert "row 1" in plot.scanline({"reference": image}).axes[0].get_xlabel()
 
 
+def test_scanline_of_a_single_row_has_no_picture_beside_it():
+    assert len(plot.scanline({"reference": np.array([[0, 0.5, 1]])}).axes) == 1
+    assert len(plot.scanline({"reference": np.array([[0, 0.5, 1]] * 2)}).axes) == 2
+
+
 def test_light_map_draws_an_occlusion_camera():
     setup = ss.scenes.stacked_boards(16, 16)
     maps = ss.kernels.ssoc_maps(setup.scene, setup.light, ss.Ssoc(resolution=64))
@@ -307,6 +365,9 @@ def test_light_map_draws_layers_and_what_they_let_through():
         (lambda: plot.strip({"a": [[1.0]]}, limit=0), ValueError, "limit"),
         (lambda: plot.strip({"a": [[1.0]]}, rows=slice(1, 1)), ValueError, "no pixel"),
         (lambda: plot.scanline({"a": [[1.0]]}, 1), ValueError, "row"),
+        (lambda: plot.matrix(measured(), x="moon", y="method"), ValueError, "no column 'moon'"),
+        (lambda: plot.matrix(measured(), "moon", y="method"), ValueError, "no column 'moon'"),
+        (lambda: plot.matrix(measured(), y="method", limit=0), ValueError, "limit"),
         (lambda: plot.light_map(np.ones((2, 2))), TypeError, "got ndarray"),
     ],
 )

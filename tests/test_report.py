@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import signal
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -16,14 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import softshadow as ss
+from browser import BROWSER, command, printed
 from softshadow import cli
 from softshadow.report import sections
 from softshadow.report.tables import read_table
 from softshadow.scenes import stanford_bunny_path
-
-BROWSER = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
-)
 
 
 def table(**columns):
@@ -319,11 +313,8 @@ Promise.all(images).then(all => {
 def test_a_browser_shows_the_pictures_and_sorts_the_table(page, result, tmp_path):
     copy = tmp_path / "pressed.html"
     copy.write_text(page.read_text().replace("</body>", f"{PRESS}</body>"))
-    switches = ["headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run"]
-    switches += ["disable-background-networking", "disable-component-update", "disable-sync"]
-    switches += [f"user-data-dir={tmp_path / 'profile'}", "virtual-time-budget=10000", "dump-dom"]
-    command = [BROWSER, *(f"--{switch}" for switch in switches), copy.as_uri()]
-    done = _run(command)
+    switches = ["virtual-time-budget=10000", "dump-dom"]
+    done = printed([*command(tmp_path / "profile", *switches), copy.as_uri()])
     found = re.search(r'data-said="([^"]*)"', done)
     assert found, done[-2000:]
     (first, up, down, names, errors), loaded = json.loads(found[1].replace("&quot;", '"'))
@@ -334,19 +325,3 @@ def test_a_browser_shows_the_pictures_and_sorts_the_table(page, result, tmp_path
     assert names == sorted(first)
     assert errors == result.table.sort_values("penumbra_mae")["method"].tolist()
     assert loaded == [True] * 4
-
-
-def _run(command):
-    """What a browser prints; its children end with it, whatever it does."""
-    with subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        start_new_session=True,
-    ) as process:
-        try:
-            return process.communicate(timeout=120)[0]
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            raise

@@ -115,3 +115,22 @@ def test_a_corner_hides_what_both_of_its_lines_cut_off(kind, degrees, light):
         # single points whose texels' centres are on an edge by rounding are farther off.
         assert error.mean() < 0.0025
         assert (error > 0.03).mean() < 0.002
+
+
+def test_corners_under_a_centred_light_are_alike():
+    """Texels' centres lie on the lines that part the corners' fans, and belong to one of them."""
+    scene = ss.Scene()
+    scene.add(ss.scenes.square(2), "ground")
+    scene.add(ss.scenes.square(0.4, z=1), "board")
+    light = ss.SphereLight((0, 0, 3), 0.3)
+    maps = ss.kernels.ssoc_maps(scene, light, ss.Ssoc(resolution=256))[0]
+    near = maps.outside[..., 5] > 0
+    assert np.array_equal(near, near[::-1])
+    assert np.array_equal(near, near[:, ::-1])
+    x = np.linspace(-0.8, 0.8, 201)
+    points = np.stack([*np.meshgrid(x, x), np.zeros((201, 201))], axis=-1).reshape(-1, 3)
+    normals = np.broadcast_to((0.0, 0.0, 1.0), points.shape)
+    seen = ss.visibility(scene, points, normals, light, ss.Ssoc(resolution=256)).reshape(201, 201)
+    # A texel without its edge was lit: up to 0.2 lighter than at the other corners.
+    assert np.abs(seen - seen[::-1]).max() < 0.01
+    assert np.abs(seen - seen[:, ::-1]).max() < 0.01

@@ -55,6 +55,7 @@ from softshadow.render import Image, Prepared, prepare, render, visibility
 from softshadow.report import report
 from softshadow.scene import Scene
 from softshadow.sweep import Case, grid, sweep
+from softshadow.widget import widget
 
 for _error in (OutOfMemoryError, ParameterError, SceneError, UnsupportedError):
     _error.__module__ = __name__  # where users and pickles find them
@@ -119,6 +120,7 @@ __all__ = [
     "thread_count",
     "threads",
     "visibility",
+    "widget",
 ]
 
 

@@ -37,9 +37,11 @@ with the ``ray_traced`` row, which would then look better than it is. Its own no
 """
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """What `compare` returns; it equals itself only.
+
+    Printed it is its table, with the front marked; notebooks show a strip of pictures, too.
 
     Attributes
     ----------
@@ -65,6 +67,16 @@ class Comparison:
     reference: Image
     skipped: dict[str, str] = field(default_factory=dict)
     reference_method: Method | None = None
+
+    def __repr__(self) -> str:
+        from softshadow.comparing import table_text
+
+        return table_text(self)
+
+    def _repr_html_(self) -> str:
+        from softshadow import showing
+
+        return showing.comparison_html(self)
 
 
 def compare(

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from softshadow import fronts, images
 from softshadow.compare import Comparison
 
-__all__ = ["table_text", "write_pictures"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["notes", "shown", "table_text", "write_pictures"]
 
 _SHOWN = {
     "prepare_seconds": "prepare s",
@@ -39,13 +43,8 @@ def table_text(result: Comparison) -> str:
     str
         Without a newline at the end.
     """
-    table = result.table.assign(MB=result.table["bytes"] / 1e6)
-    rows = [["", "method", *_SHOWN.values()]]
-    on = fronts.front(table)
-    for label, star, cells in zip(
-        fronts.labels(table), on, table[list(_SHOWN)].itertuples(index=False), strict=True
-    ):
-        rows.append(["*" if star else "", label, *(f"{value:.4g}" for value in cells)])
+    table = shown(result)
+    rows = [list(table.columns), *table.itertuples(index=False)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = [
         "  ".join(
@@ -54,9 +53,37 @@ def table_text(result: Comparison) -> str:
         ).rstrip()
         for row in rows
     ]
-    lines.append("* on the front: none is as fast a frame and as right in the penumbra")
-    lines += [f"left out: {label}: {reason}" for label, reason in result.skipped.items()]
-    return "\n".join(lines)
+    return "\n".join([*lines, *notes(result)])
+
+
+def shown(result: Comparison) -> pd.DataFrame:
+    """Return a comparison's table as it is printed: texts, a star in the first column of the front.
+
+    Parameters
+    ----------
+    result : Comparison
+
+    Returns
+    -------
+    pandas.DataFrame
+        Its columns are the headings.
+    """
+    table = result.table.assign(MB=result.table["bytes"] / 1e6)
+    cells: pd.DataFrame = table[list(_SHOWN)].rename(columns=_SHOWN).map("{:.4g}".format)
+    cells.insert(0, "", ["*" if star else "" for star in fronts.front(table)])
+    cells.insert(1, "method", fronts.labels(table))
+    return cells
+
+
+def notes(result: Comparison) -> list[str]:
+    """Return what has to be said below the table: what the star is, and what was left out.
+
+    Parameters
+    ----------
+    result : Comparison
+    """
+    star = "* on the front: none is as fast a frame and as right in the penumbra"
+    return [star, *(f"left out: {label}: {reason}" for label, reason in result.skipped.items())]
 
 
 def write_pictures(result: Comparison, folder: Path, name: str) -> list[Path]:

@@ -23,6 +23,7 @@ __all__ = [
     "Spheres",
     "as_look",
     "as_vertices",
+    "bounds_of",
     "curve_arrays",
     "kind_of",
     "sphere_arrays",
@@ -135,6 +136,21 @@ class Spheres(_Entry):
     opacity: float
     casts: bool
     receives: bool
+
+
+def bounds_of(entry: Mesh | Spheres) -> npt.NDArray[np.float64]:
+    """Return an entry's world bounding box, shape (2, 3): lower and upper corner.
+
+    Vertices that no face has do not count.
+    """
+    if isinstance(entry, Spheres):
+        reach = entry.radii[:, None]
+        low, high = entry.centers - reach, entry.centers + reach
+    else:
+        used = np.zeros(len(entry.vertices), dtype=np.bool_)
+        used[entry.faces] = True
+        low = high = entry.world_vertices()[used]
+    return np.array([low.min(axis=0), high.max(axis=0)])
 
 
 def kind_of(entry: Mesh | Spheres) -> str:

@@ -85,12 +85,14 @@ def to_srgb(radiance: npt.ArrayLike, exposure: float | None = None) -> npt.NDArr
     )
 
 
-def check_path(path: str | os.PathLike[str]) -> Path:
-    """Return `path` as a ``Path`` that `write` can write to.
+def check_path(path: str | os.PathLike[str], suffixes: tuple[str, ...] = SUFFIXES) -> Path:
+    """Return `path` as a ``Path`` that can be written to.
 
     Parameters
     ----------
     path : path
+    suffixes : tuple of str
+        The file types that are allowed; those of `write` when not given.
 
     Returns
     -------
@@ -99,16 +101,16 @@ def check_path(path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     ValueError
-        If the suffix is none of ``.png``, ``.exr``, ``.npy``.
+        If the suffix is none of these.
     OSError
         If the folder does not exist or the file cannot be written.
     ModuleNotFoundError
         If the extra ``io`` is not installed and the suffix needs it.
     """
     file = Path(path)
-    if file.suffix.lower() not in SUFFIXES:
+    if file.suffix.lower() not in suffixes:
         raise ValueError(
-            f"{file}: unknown file type {file.suffix!r}; expected one of {', '.join(SUFFIXES)}"
+            f"{file}: unknown file type {file.suffix!r}; expected one of {', '.join(suffixes)}"
         )
     if not file.parent.is_dir():
         raise FileNotFoundError(f"{file}: there is no folder {file.parent}")
@@ -116,7 +118,7 @@ def check_path(path: str | os.PathLike[str]) -> Path:
         raise IsADirectoryError(f"{file}: is a folder")
     if not os.access(file if file.exists() else file.parent, os.W_OK):
         raise PermissionError(f"{file}: no permission to write")
-    writers = {".png": ["imageio.v3"], ".exr": ["OpenEXR"]}
+    writers = {".png": ["imageio.v3"], ".exr": ["OpenEXR"], ".glb": ["PIL"]}
     require("io", f"writing a {file.suffix} file", *writers.get(file.suffix.lower(), []))
     return file
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,15 @@ from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Method, MethodLike, resolve
 from softshadow.scene import Scene, scene_of
 
+Png: TypeAlias = bytes
+"""A file's contents; the name `bytes` is a field of `Image`."""
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Image:
     """What `render` returns; arrays are indexed ``[y, x]``, row 0 on top.
 
-    An image equals itself only: compare its arrays.
+    An image equals itself only: compare its arrays. Notebooks show its visibility.
 
     Attributes
     ----------
@@ -73,6 +76,18 @@ class Image:
     triangle_id: npt.NDArray[np.int32]
     seconds: dict[str, float]
     bytes: int
+
+    def __repr__(self) -> str:
+        height, width = self.mask.shape
+        lights = len(self.visibility) if self.visibility.ndim == 3 else 1
+        seen = self.visibility[..., self.mask]
+        mean = f"mean visibility {seen.mean():.3f}" if seen.size else "no surface hit"
+        return f"Image({width}x{height}, {lights} light{'s' if lights > 1 else ''}, {mean})"
+
+    def _repr_png_(self) -> Png | None:
+        from softshadow import showing
+
+        return showing.image_png(self)
 
 
 class Prepared:

@@ -20,6 +20,7 @@ from softshadow.entries import (
     Spheres,
     as_look,
     as_vertices,
+    bounds_of,
     curve_arrays,
     kind_of,
     sphere_arrays,
@@ -134,16 +135,8 @@ class Scene:
         """
         if not self._entries:
             raise ValueError("scene: it has no meshes or spheres")
-        low, high = [], []
-        for entry in self._entries.values():
-            if isinstance(entry, Mesh):
-                points = entry.world_vertices()[np.unique(entry.faces)]
-                low.append(points.min(axis=0))
-                high.append(points.max(axis=0))
-            else:
-                low.append((entry.centers - entry.radii[:, None]).min(axis=0))
-                high.append((entry.centers + entry.radii[:, None]).max(axis=0))
-        return np.array([np.min(low, axis=0), np.max(high, axis=0)])
+        boxes = np.array([bounds_of(entry) for entry in self._entries.values()])
+        return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
     def add(
         self,
@@ -546,6 +539,11 @@ class Scene:
 
     def __repr__(self) -> str:
         return f"Scene({', '.join(self._entries)}; {self.triangle_count} triangles)"
+
+    def _repr_html_(self) -> str:
+        from softshadow import showing
+
+        return showing.scene_html(self)
 
 
 def mesh_of(scene: Scene, name: str) -> Mesh:

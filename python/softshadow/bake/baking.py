@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,9 @@ from softshadow.entries import Mesh
 from softshadow.light import LightLike, as_lights
 from softshadow.methods import Accumulation, Method, MethodLike, resolve
 from softshadow.scene import Scene, mesh_of
+
+if TYPE_CHECKING:
+    from softshadow.bake.gltf import Up
 
 __all__ = ["Bake", "bake", "bake_layout"]
 
@@ -184,14 +187,65 @@ class Bake(Sequence[BakedTexture]):
             As `softshadow.images.write`.
         """
         if what == "radiance" and exposure is None and suffix.lower() == ".png":
-            exposure = min((images.auto_exposure(t.radiance) for t in self), default=1.0)
+            exposure = self._exposure()
         written = []
-        digits = len(str(max(len(self) - 1, 0)))
-        for i, texture in enumerate(self):
-            path = Path(folder) / f"{_file_name(texture.receiver)}_{i:0{digits}d}{suffix}"
+        for name, texture in zip(self._names(), self, strict=True):
+            path = Path(folder) / f"{name}{suffix}"
             texture.save(path, what, exposure)
             written.append(path)
         return written
+
+    def to_glb(
+        self, path: str | os.PathLike[str], exposure: float | None = None, up: Up = "z"
+    ) -> None:
+        """Write all textures with the triangles that they lie on as a binary glTF 2.0 file.
+
+        Viewers, game engines and `trimesh` open it. Each texture becomes a mesh with a material,
+        ``<receiver>_<number>``, whose base colour is the radiance, sRGB-encoded in eight bits, and
+        to which viewers add no light (KHR_materials_unlit). Triangles of planar receivers are wound
+        so that they are seen from the side that was baked; casters that were not baked are not in
+        the file.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.glb``; its folder must exist.
+        exposure : float, optional
+            Of all textures alike; the one that suits the brightest of them when not given.
+        up : {"z", "y"}
+            The scene's axis that points up. In glTF that is y; a z-up scene is turned by its nodes,
+            and its vertices stay what they are.
+
+        Raises
+        ------
+        ValueError
+            If the file's type is another, the exposure is not positive, or `up` is none of these.
+        OSError
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> setup = ss.scenes.half_plane(32, 24)
+        >>> textures = ss.bake(setup.scene, setup.light, max_size=32)
+        >>> textures.to_glb("baked.glb")  # doctest: +SKIP
+        """
+        file = images.check_path(path, (".glb",))
+        if up not in ("y", "z"):
+            raise ValueError(f"up: expected 'y' or 'z', got {up!r}")
+        from softshadow.bake.gltf import write_glb
+
+        pieces = (
+            (n, self._job.entries[t.receiver], t) for n, t in zip(self._names(), self, strict=True)
+        )
+        write_glb(file, pieces, self._exposure() if exposure is None else exposure, up)
+
+    def _names(self) -> list[str]:
+        digits = len(str(max(len(self) - 1, 0)))
+        return [f"{_file_name(self._job.receiver(i))}_{i:0{digits}d}" for i in range(len(self))]
+
+    def _exposure(self) -> float:
+        return min((images.auto_exposure(t.radiance) for t in self), default=1.0)
 
 
 def _file_name(name: str) -> str:

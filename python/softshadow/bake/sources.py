@@ -44,6 +44,8 @@ class Job:
 
     samples: int | None = None
     bytes: int = 0
+    entries: dict[str, Mesh]
+    """What textures lie on, by name, as it was when the job began."""
 
     def __init__(self) -> None:
         self.seconds = {"prepare": 0.0, "textures": 0.0}

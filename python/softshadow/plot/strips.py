@@ -18,7 +18,7 @@ from softshadow.plot.pictures import (
     own_figure,
     pixels_of,
 )
-from softshadow.plot.styles import style
+from softshadow.plot.styles import line_styles
 from softshadow.render import Image
 
 if TYPE_CHECKING:
@@ -135,7 +135,8 @@ def scanline(
     what : {"visibility", "radiance"}
         As in `show`; of radiance the mean of the channels. Gaps are where nothing was hit.
     ax : matplotlib axes, optional
-        Where to draw; a new figure when not given, with the row marked in a picture beside it.
+        Where to draw; a new figure when not given, with the row marked in a picture beside it if
+        there is more than one.
 
     Returns
     -------
@@ -162,24 +163,22 @@ def scanline(
     else:
         at = checks.integer(row, "row", -height, height - 1) % height
     own = ax is None
-    if ax is None:
+    if ax is None and height == 1:
+        ax = own_figure((8.0, 3.4)).subplots()
+    elif ax is None:
         figure = own_figure((11.0, 3.4))
         ax, beside = figure.subplots(1, 2, width_ratios=[2.6, 1])
         draw_picture(beside, next(iter(pixels.values())), _exposure(pixels))
         beside.axhline(at, color="#D55E00", linewidth=1)
         beside.set_title(f"row {at}", fontsize="small")
     axes = cast("Any", ax)
-    strangers = [label.partition("(")[0] for label in grey if label != REFERENCE]
-    drawn: list[str] = []
+    styles = line_styles(label for label in grey if label != REFERENCE)
     for label, values in grey.items():
         line = np.where(mask[at], values[at], np.nan)
         if label == REFERENCE:
             axes.plot(line, color="black", linewidth=2.5, alpha=0.75, label=label)
             continue
-        method = label.partition("(")[0]
-        colour, marker = style(method, list(dict.fromkeys(strangers)))
-        dashes = ("-", "--", ":", "-.")[drawn.count(method) % 4]  # of one method at other settings
-        drawn.append(method)
+        colour, marker, dashes = styles[label]
         every = max(1, len(line) // 16)
         axes.plot(
             line, color=colour, marker=marker, markevery=every, markersize=3.5, linewidth=0.9,

@@ -14,7 +14,7 @@ from softshadow.compare import Comparison
 from softshadow.extras import needs
 from softshadow.methods import method_names
 from softshadow.plot.pictures import own_figure
-from softshadow.plot.styles import MITSUBA, style
+from softshadow.plot.styles import MITSUBA, line_styles, style
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,7 +98,7 @@ def pareto(
     for panel, (title, chosen) in zip(axes, panels.items(), strict=True):
         panel.set_xscale("log")
         panel.set_yscale("log")
-        _decades(panel)
+        _decades(panel.xaxis, panel.yaxis)
         panel.grid(True, which="major", color="0.92")
         panel.set_axisbelow(True)
         _front_line(panel, times, errors, chosen[on[chosen]])
@@ -172,21 +172,25 @@ def versus(
     axes, figure = _panels(1, ax)
     panel = axes[0]
     names = rows[by].astype(str).tolist()
-    strangers = list(dict.fromkeys(names)) if by != "method" else _strangers(names)
+    styles = line_styles(names)
     for name in dict.fromkeys(n for n, use in zip(names, usable, strict=True) if use):
         mine = np.array([i for i, n in enumerate(names) if n == name and usable[i]])
-        colour, marker = style(name, strangers)
+        colour, marker, dashes = styles[name]
         at = np.unique(places[mine])
         middle = [float(np.median(heights[mine][places[mine] == place])) for place in at]
         if len(mine) > len(at):
             panel.plot(places[mine], heights[mine], ".", color=colour, alpha=0.35, markersize=4)
-        panel.plot(at, middle, color=colour, marker=marker, label=name, linewidth=1.2)
+        panel.plot(
+            at, middle, dashes, color=colour, marker=marker, label=name, linewidth=1.2,
+        )  # fmt: skip
     if ticks is not None:
         panel.set_xticks(range(len(ticks)), ticks, rotation=30 if len(ticks) > 4 else 0)
     elif _wide(places[usable]):
         panel.set_xscale("log")
+        _decades(panel.xaxis)
     if _wide(heights[usable]):
         panel.set_yscale("log")
+        _decades(panel.yaxis)
     panel.grid(True, color="0.92")
     panel.set_axisbelow(True)
     panel.set_xlabel(_NAMES.get(x, x))
@@ -251,7 +255,7 @@ def _points(
     )  # fmt: skip
 
 
-def _decades(ax: Any) -> None:
+def _decades(*axes: Any) -> None:
     """Write an axis's numbers plainly: 0.01, 0.02, 0.05, and only decades where there are many."""
     with needs("plot", "softshadow.plot"):
         from matplotlib.ticker import FuncFormatter
@@ -260,11 +264,11 @@ def _decades(ax: Any) -> None:
         def text(value: float, _: int) -> str:
             low, high = axis.get_view_interval()
             leading = round(value / 10 ** math.floor(math.log10(value) + 1e-9))
-            return f"{value:g}" if high < 30 * low and leading in (2, 5) else ""
+            return f"{value:g}" if high < 100 * low and leading in (2, 5) else ""
 
         return text
 
-    for axis in (ax.xaxis, ax.yaxis):
+    for axis in axes:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(FuncFormatter(between(axis)))
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["definitions", "figure", "page", "table"]
+__all__ = ["definitions", "figure", "image", "page", "table"]
 
 _HERE = Path(__file__).parent
 
@@ -85,13 +85,25 @@ def figure(
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "softshadow"}):
         metadata = {"Date": None} if kind == "svg" else {}
         drawn.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
     mime = "image/svg+xml" if kind == "svg" else "image/png"
-    text = escape(caption)
-    return (
-        f'<figure><img alt="{text}" src="data:{mime};base64,{data}">'
-        f"<figcaption>{text}</figcaption></figure>\n"
-    )
+    tag = image(buffer.getvalue(), caption, mime)
+    return f"<figure>{tag}<figcaption>{escape(caption)}</figcaption></figure>\n"
+
+
+def image(data: bytes, text: str, mime: str = "image/png") -> str:
+    """Return an image that is in the page itself.
+
+    Parameters
+    ----------
+    data : bytes
+        Of the file.
+    text : str
+        What it shows, for those who do not see it.
+    mime : str
+        The file's type.
+    """
+    encoded = base64.b64encode(data).decode("ascii")
+    return f'<img alt="{escape(text)}" src="data:{mime};base64,{encoded}">'
 
 
 def table(rows: pd.DataFrame, marked: Sequence[bool] | None = None, name: str = "") -> str:

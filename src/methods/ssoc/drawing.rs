@@ -19,6 +19,10 @@ const LAST: f64 = 1e12;
 /// Largest part of a turn that one triangle of a fan fills; its tip is then 8 % farther out than the reach.
 const FAN: f64 = std::f64::consts::FRAC_PI_4;
 
+/// Radians by which a fan overlaps what is beside it: edges that are equal but for rounding leave texels between
+/// them. Where both cover a texel, the nearest line decides.
+const OVERLAP: f64 = 1e-6;
+
 /// Lines, or corners between them, that one task draws.
 const PART: usize = 1024;
 
@@ -121,6 +125,11 @@ impl Drawing {
 
     /// Fills a sector around a line's end, from direction `from` over an angle (signed).
     fn sector(&mut self, line: u32, tip: DVec2, from: DVec2, angle: f64, reach: f64) {
+        let overlap = OVERLAP.copysign(angle);
+        let (from, angle) = (
+            DVec2::from_angle(-overlap).rotate(from),
+            angle + 2.0 * overlap,
+        );
         let pieces = (angle.abs() / FAN).ceil().max(1.0);
         let step = DVec2::from_angle(angle / pieces);
         let reach = reach / (0.5 * angle / pieces).cos();
