@@ -41,7 +41,7 @@ def widget(
     Parameters
     ----------
     scene : Scene
-        It is not copied: call the widget's `redraw` after a change.
+        It is not copied: call the widget's ``redraw`` after a change.
     camera : Camera
         Its size is that of the picture.
     light : RectLight, DiskLight or SphereLight

@@ -20,7 +20,7 @@ from softshadow.scenes.staging import Setup
 __all__ = ["MARGIN", "REFERENCE", "RIGHT", "ROUNDING", "SIZE", "Answer", "Excuse", "HardCase"]
 
 SIZE = (64, 48)
-"""Width and height, pixels, for which `measured.csv` holds."""
+"""Width and height, pixels, for which ``measured.csv`` holds."""
 
 REFERENCE = RayTraced(samples=2048, seed=19)
 """Its own error is about 1 % of a shadow where all is penumbra, and less elsewhere."""
@@ -50,7 +50,7 @@ class Excuse:
     reason : str
         A sentence.
     raises : type of Exception, optional
-        It refuses the scene by this error; when not given, it is wrong, by more than `RIGHT`.
+        It refuses the scene by this error; when not given, it is wrong, by more than ``RIGHT``.
     """
 
     reason: str
@@ -114,7 +114,7 @@ class HardCase:
         Returns the `Setup`: scene, camera and lights, for a width and a height in pixels.
     closed_form : callable, optional
         The exact visibility, shape (L, H, W), of an image of the setup; NaN where it is not known.
-        When not given, the answer is that of `ray_traced`.
+        When not given, the answer is that of ``ray_traced``.
     excuses : mapping of str to Excuse
         The methods that are wrong here, by name, and why.
     """
@@ -127,11 +127,11 @@ class HardCase:
 
     @property
     def measured(self) -> dict[str, float]:
-        """The errors of all methods that answer, by name, at the size `SIZE`."""
+        """The errors of all methods that answer, by name, at the size ``SIZE``."""
         return _measured().get(self.name, {})
 
     def tolerance(self, method: str) -> float:
-        """Return the largest error that a method may have, at the size `SIZE`.
+        """Return the largest error that a method may have, at the size ``SIZE``.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ class HardCase:
 
 @functools.cache
 def _measured() -> dict[str, dict[str, float]]:
-    """Return the errors of `measured.csv`, by scene and method."""
+    """Return the errors of ``measured.csv``, by scene and method."""
     text = (resources.files(__package__) / "measured.csv").read_text(encoding="utf-8")
     found: dict[str, dict[str, float]] = {}
     for row in csv.DictReader(text.splitlines()):

@@ -48,7 +48,7 @@ _SMALLER: dict[str, Method] = {
         Ssoc(resolution=256),
     )
 }
-"""Maps and textures that suit pictures of `SIZE`, and take a tenth of a second for a light."""
+"""Maps and textures that suit pictures of ``SIZE``, and take a tenth of a second for a light."""
 
 
 class HardCases(Mapping[str, HardCase]):
