@@ -21,6 +21,7 @@ from softshadow import metrics
 from softshadow.camera import Camera
 from softshadow.light import LightLike
 from softshadow.methods import Method
+from softshadow.renderers import Measurable
 from softshadow.sweep.columns import row_of
 from softshadow.sweep.references import Reference
 from softshadow.sweep.store import Store
@@ -57,7 +58,7 @@ class OpenCase:
     Attributes
     ----------
     key : str
-    method : Method
+    method : Method or Renderer
     names : dict
         ``scene``, ``light``, ``camera`` and ``label``, as the table has them.
     turns : dict
@@ -69,7 +70,7 @@ class OpenCase:
     """
 
     key: str
-    method: Method
+    method: Measurable
     names: dict[str, str]
     turns: dict[int, dict[str, Any]] = field(default_factory=dict)
     started: int = 0
@@ -219,7 +220,7 @@ class Group:
         host = case.pooled()[-1]["host"] if case.turns else None
         return Step(task, case, number, host)
 
-    def _task(self, name: str, methods: tuple[Method, ...], pictures: bool) -> Task:
+    def _task(self, name: str, methods: tuple[Measurable, ...], pictures: bool) -> Task:
         s = self._settings
         return Task(
             name, self.scene, self._light, self._camera, methods, pictures, s.threads, s.alone
@@ -263,7 +264,8 @@ class Group:
         last = turns[-1] if turns else vars(failed) if failed is not None else {}
         row.update({name: last.get(name) or None for name in ("machine", "threads", "version")})
         row["time"] = datetime.fromisoformat(last["time"]) if last.get("time") else None
-        row["bytes"] = max((turn["bytes"] for turn in turns), default=None)
+        told = [turn["bytes"] for turn in turns if turn["bytes"] is not None]
+        row["bytes"] = max(told, default=None)
         row.update(key=case.key, error=error)
         self._store.write(case.key, row)
         self._open.remove(case)

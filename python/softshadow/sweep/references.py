@@ -19,6 +19,7 @@ import numpy.typing as npt
 from softshadow import metrics
 from softshadow.compare import DEFAULT_REFERENCE, label_of
 from softshadow.methods import Method, RayTraced
+from softshadow.renderers import Measurable
 from softshadow.sweep.store import Store
 from softshadow.sweep.work import Outcome
 
@@ -106,7 +107,7 @@ class Reference:
         sampled: Any = self._method  # one of those with both parameters
         return tuple(replace(sampled, samples=samples, seed=s) for s in seeds)
 
-    def take(self, methods: tuple[Method, ...], outcome: Outcome) -> None:
+    def take(self, methods: tuple[Measurable, ...], outcome: Outcome) -> None:
         """Keep what the methods' pictures make."""
         if outcome.error is not None or outcome.mask is None:
             self.error = f"reference: {outcome.error}"

@@ -18,6 +18,7 @@ from softshadow.camera import Camera
 from softshadow.extras import require
 from softshadow.light import LightLike
 from softshadow.methods import MethodLike, resolve
+from softshadow.renderers import resolve_measurable
 from softshadow.sweep.cases import Case, Made, made, resolved
 from softshadow.sweep.columns import row_of
 from softshadow.sweep.digests import digest
@@ -184,14 +185,13 @@ class _Plan:
                 scenes[source] = _made(case)
             scene = scenes[source]
             s = self.settings
-            method = resolve(case.method)
+            method = resolve_measurable(case.method)
             names = {name: getattr(case, attribute) for name, attribute in _NAMES.items()}
-            error = scene.error
+            error = f"left out: {case.left_out}" if case.left_out else scene.error
             where: tuple[str, LightLike, Camera] | None = None
-            if scene.its is not None:
+            if scene.its is not None and not case.left_out:
                 try:
-                    light, camera, _ = resolved(case, scene.its)
-                    where = (scene.digest, light, camera)
+                    where = (scene.digest, *resolved(case, scene.its))
                 except Exception as problem:
                     error = f"{type(problem).__name__}: {problem}"
             what = where if where is not None else ("failed", error, *names.values())
