@@ -49,9 +49,10 @@ from softshadow.mitsuba import Direct
 from softshadow.renderers import Measurable
 from softshadow.sweep.cases import Case, Made, grid
 
-__all__ = ["Study", "read_study"]
+__all__ = ["Study", "read_study", "resized"]
 
-_KEYS = ("store", "repeats", "threads", "workers", "images", "reference", "size", "alone")
+_OPTIONS = ("repeats", "repeat_seconds", "reference_seconds", "threads", "alone")
+_KEYS = ("store", *_OPTIONS, "workers", "images", "reference", "size")
 _TABLES = ("scene", "light", "camera", "method")
 
 _MITSUBA = "mitsuba"
@@ -120,9 +121,7 @@ def _study(text: dict[str, Any], folder: Path) -> Study:
     size = text.get("size")
     if size is not None and not (isinstance(size, list) and len(size) == 2):
         raise ValueError(f"size: expected [width, height], got {size!r}")
-    options: dict[str, Any] = {
-        name: text[name] for name in ("repeats", "threads", "alone") if name in text
-    }
+    options: dict[str, Any] = {name: text[name] for name in _OPTIONS if name in text}
     if "images" in text:
         options["images"] = folder / text["images"]
     if "reference" in text:
@@ -138,7 +137,7 @@ def _study(text: dict[str, Any], folder: Path) -> Study:
         raise ValueError("study: expected a [scene.NAME] at least")
     given = {name: _light(what, name) for name, what in _table(text, "light").items()}
     cameras = {name: _camera(what, name, size) for name, what in _table(text, "camera").items()}
-    own = None if size is None else partial(_resized, size=tuple(size))
+    own = None if size is None else partial(resized, size=tuple(size))
     methods: list[Measurable] = []
     left_out: dict[tuple[Any, str], str] = {}
     for what in text.get("method", []):
@@ -219,7 +218,7 @@ def _made_of(kind: Any, arguments: dict[str, Any], what: str) -> Any:
     return kind(**arguments)
 
 
-def _resized(its: Made, size: tuple[int, int]) -> Camera:
+def resized(its: Made, size: tuple[int, int]) -> Camera:
     """Return a scene's own camera with another size, the height of its view kept."""
     own, (width, height) = its.camera, size
     K = own.K.copy()
