@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
-EXTRAS := plot,metrics,io,cli,sweep,cluster,bake,scenes,mitsuba,widget
+EXTRAS := plot,metrics,io,cli,sweep,cluster,bake,scenes,mitsuba,denoise,widget
 # Tests in processes of their own, one a core; neighbours share what a file prepares.
 PARALLEL := --numprocesses auto --dist worksteal
 SOURCES := $(shell find src -name '*.rs') Cargo.toml pyproject.toml

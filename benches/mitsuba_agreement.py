@@ -18,8 +18,8 @@ from typing import Any
 import imageio.v3 as imageio
 import numpy as np
 import softshadow as ss
-from mitsuba_speed import find_llvm
 from softshadow import scenes
+from softshadow.mitsuba import find_llvm
 
 SEEDS = 4
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import glob
 import importlib.util
 import json
 import os
@@ -27,6 +26,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from softshadow.mitsuba import find_llvm
+
 SIDES = ("softshadow", "softshadow cull=False", "mitsuba scalar_rgb", "mitsuba llvm_ad_mono")
 
 # Light samples per camera ray of Mitsuba's `direct`, the fastest of 1, 4, 8, 16 and 64 on the
@@ -38,23 +39,6 @@ LIGHT_SAMPLES_PER_RAY = {"mitsuba scalar_rgb": 64, "mitsuba llvm_ad_mono": 8}
 # and scaled; what it would take is predicted from this many samples.
 LONGEST_FRAME = 15.0
 PROBE = 64
-
-LLVM_PLACES = (
-    "/usr/lib/*/libLLVM-19.so*",
-    "/usr/lib/*/libLLVM.so.19*",
-    "/usr/lib/llvm-19/lib/libLLVM*.so*",
-    "/usr/lib64/libLLVM*19*.so*",
-    "/opt/homebrew/opt/llvm@19/lib/libLLVM.dylib",
-)
-
-
-def find_llvm() -> str | None:
-    """Return LLVM 19's library: older ones abort the process on machines with AVX-512."""
-    if os.environ.get("DRJIT_LIBLLVM_PATH"):
-        return os.environ["DRJIT_LIBLLVM_PATH"]
-    found = sorted(path for pattern in LLVM_PLACES for path in glob.glob(pattern))
-    return found[0] if found else None
-
 
 # ---------------------------------------------------------------------------------------------
 # The worker: answers one JSON line per request.

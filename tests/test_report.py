@@ -311,13 +311,7 @@ Promise.all(images).then(all => {
 
 @pytest.mark.skipif(not BROWSER, reason="no browser is installed")
 def test_a_browser_shows_the_pictures_and_sorts_the_table(page, result, tmp_path):
-    copy = tmp_path / "pressed.html"
-    copy.write_text(page.read_text().replace("</body>", f"{PRESS}</body>"))
-    switches = ["virtual-time-budget=10000", "dump-dom"]
-    done = printed([*command(tmp_path / "profile", *switches), copy.as_uri()])
-    found = re.search(r'data-said="([^"]*)"', done)
-    assert found, done[-2000:]
-    (first, up, down, names, errors), loaded = json.loads(found[1].replace("&quot;", '"'))
+    (first, up, down, names, errors), loaded = _said(page, PRESS, tmp_path)
     by_time = result.table.sort_values("frame_seconds")["method"].tolist()
     assert first == result.table["method"].tolist()
     assert up == by_time
@@ -325,3 +319,39 @@ def test_a_browser_shows_the_pictures_and_sorts_the_table(page, result, tmp_path
     assert names == sorted(first)
     assert errors == result.table.sort_values("penumbra_mae")["method"].tolist()
     assert loaded == [True] * 4
+
+
+FILTER = """
+<script>
+const field = document.querySelector("input.filter");
+const said = ["", "BOARD 7", "board 7 wedges", "nothing"].map(words => {
+  field.value = words;
+  field.dispatchEvent(new Event("input"));
+  return [...document.querySelectorAll("#cases tbody tr")].filter(row => !row.hidden).length;
+});
+document.body.setAttribute("data-said", JSON.stringify(said));
+</script>
+"""
+
+
+@pytest.mark.skipif(not BROWSER, reason="no browser is installed")
+def test_a_browser_filters_a_long_table_by_words(tmp_path):
+    names = [(scene, m) for scene in range(20) for m in ("hard", "wedges")]
+    rows = table(frame_seconds=range(1, 41), penumbra_mae=range(1, 41), samples=4, parameters="")
+    rows["scene"] = [f"board {scene}" for scene, _ in names]
+    rows["method"] = [method for _, method in names]
+    page = ss.report(rows, tmp_path / "long.html")
+    assert page.read_text().count("data:image/png") == 20  # many settings: small figures
+    # Words, and parts of them: of boards 7 and 17.
+    assert _said(page, FILTER, tmp_path) == [40, 4, 2, 0]
+
+
+def _said(page, script, folder):
+    """What a script says in a browser, as ``data-said`` of the page's body."""
+    copy = folder / "pressed.html"
+    copy.write_text(page.read_text().replace("</body>", f"{script}</body>"))
+    switches = ["virtual-time-budget=10000", "dump-dom"]
+    done = printed([*command(folder / "profile", *switches), copy.as_uri()])
+    found = re.search(r'data-said="([^"]*)"', done)
+    assert found, done[-2000:]
+    return json.loads(found[1].replace("&quot;", '"'))

@@ -21,6 +21,7 @@ from softshadow.light import LightLike
 from softshadow.methods import Method, MethodLike, RayTraced, method_names, resolve
 from softshadow.parallel import thread_count
 from softshadow.render import Image, prepare
+from softshadow.renderers import Measurable
 from softshadow.scene import Scene
 
 if TYPE_CHECKING:
@@ -294,7 +295,7 @@ def _check_reference(image: Image, camera: Camera) -> None:
         raise ValueError("compare: the camera sees no surface, there is nothing to measure")
 
 
-def parameters_text(method: Method) -> str:
+def parameters_text(method: Measurable) -> str:
     """Return what differs from the defaults of the method's class, as in a call."""
     changed = []
     for item in fields(method):
@@ -307,7 +308,7 @@ def parameters_text(method: Method) -> str:
     return ", ".join(changed)
 
 
-def label_of(method: Method) -> str:
+def label_of(method: Measurable) -> str:
     """Return a method's name, with its parameters in parentheses if there are any."""
     parameters = parameters_text(method)
     return f"{method.name}({parameters})" if parameters else method.name

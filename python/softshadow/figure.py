@@ -6,8 +6,7 @@ from io import BytesIO
 
 from matplotlib.figure import Figure
 
-__all__ = ["OwnFigure"]
-
+__all__ = ["OwnFigure", "with_palette"]
 
 MOST_BYTES = 150_000
 """Of a picture that a notebook keeps. What has more gets a palette, and then fewer dots an inch."""
@@ -23,7 +22,7 @@ class OwnFigure(Figure):
         if len(whole) <= MOST_BYTES:
             return whole
         for dots in (self.dpi, *_FEWER_DOTS):
-            png = _with_palette(self._drawn(dots))
+            png = with_palette(self._drawn(dots))
             if len(png) <= MOST_BYTES:
                 break
         return png
@@ -34,8 +33,13 @@ class OwnFigure(Figure):
         return buffer.getvalue()
 
 
-def _with_palette(png: bytes) -> bytes:
-    """Return a PNG with 256 colours, of which one is within a few levels of every colour."""
+def with_palette(png: bytes) -> bytes:
+    """Return a PNG with 256 colours, of which one is within a few levels of every colour.
+
+    Parameters
+    ----------
+    png : bytes
+    """
     from PIL import Image  # matplotlib needs it, too
 
     picture = Image.open(BytesIO(png)).convert("RGB")

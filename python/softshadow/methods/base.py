@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, get_args, get_origin, get_
 
 from softshadow import _core, checks
 
-__all__ = ["Method"]
+__all__ = ["Method", "check_parameters", "kinds_of"]
 
 _RANGES = {
     "layers": (1, 64),
@@ -44,10 +44,7 @@ class Method:
 
     def __post_init__(self) -> None:
         """Check the parameters and store them as plain numbers, flags and text."""
-        for name, (kinds, choices) in _kinds(type(self)).items():
-            what = f"{type(self).__name__}.{name}"
-            value = _checked(getattr(self, name), what, name, kinds, choices)
-            object.__setattr__(self, name, value)
+        check_parameters(self)
         self._to_core()  # knows the ranges of fractions, and what does not go together
 
     def parameters(self) -> dict[str, Any]:
@@ -65,11 +62,25 @@ class Method:
         return _core.Method(self.name, self)
 
 
+def check_parameters(thing: Any) -> None:
+    """Check the fields of a frozen dataclass by their types and names, and store plain values.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Which says what is allowed.
+    """
+    for name, (kinds, choices) in kinds_of(type(thing)).items():
+        what = f"{type(thing).__name__}.{name}"
+        value = _checked(getattr(thing, name), what, name, kinds, choices)
+        object.__setattr__(thing, name, value)
+
+
 _Kinds: TypeAlias = "dict[str, tuple[tuple[Any, ...], tuple[str, ...]]]"
-_KNOWN: dict[type[Method], _Kinds] = {}
+_KNOWN: dict[type[Any], _Kinds] = {}
 
 
-def _kinds(method: type[Method]) -> _Kinds:
+def kinds_of(method: type[Any]) -> _Kinds:
     """Return each parameter's types, and the names that it may be."""
     if method in _KNOWN:
         return _KNOWN[method]

@@ -22,12 +22,16 @@ its noise and these differences:
 
 from softshadow.mitsuba.agreement import RayOffset, ZTest, ray_offset, sidak, unshadowed, z_test
 from softshadow.mitsuba.bridge import render, scene_dict
+from softshadow.mitsuba.direct import Direct
 from softshadow.mitsuba.image import MitsubaImage
+from softshadow.mitsuba.llvm import find_llvm
 
 __all__ = [
+    "Direct",
     "MitsubaImage",
     "RayOffset",
     "ZTest",
+    "find_llvm",
     "ray_offset",
     "render",
     "scene_dict",

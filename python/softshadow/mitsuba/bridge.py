@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,12 +16,13 @@ from softshadow.entries import Mesh
 from softshadow.extras import needs
 from softshadow.light import DiskLight, Light, LightLike, SphereLight, as_lights
 from softshadow.mitsuba.image import MitsubaImage
+from softshadow.mitsuba.llvm import find_llvm
 from softshadow.scene import Scene
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-__all__ = ["render", "scene_dict"]
+__all__ = ["render", "scene_dict", "variant_set"]
 
 _BATCHES = 32
 """Independent estimates that a variance is taken from: enough for Student's t with 31 degrees of
@@ -45,13 +47,15 @@ def _import() -> ModuleType:
 
 
 @contextmanager
-def _variant(name: str | None) -> Iterator[ModuleType]:
+def variant_set(name: str | None) -> Iterator[ModuleType]:
     """Give Mitsuba with a variant set, and restore what the caller had set."""
     mi = _import()
     previous = mi.variant()
     wanted = name or previous or "scalar_rgb"
     if not wanted.endswith(("_rgb", "_mono")):
         raise ValueError(f"variant: expected one that ends in _rgb or _mono, got {wanted!r}")
+    if wanted.startswith("llvm") and (llvm := find_llvm()) is not None:
+        os.environ["DRJIT_LIBLLVM_PATH"] = llvm  # or an older one may be taken
     mi.set_variant(wanted)
     try:
         yield mi
@@ -279,7 +283,7 @@ def render(
     normal = np.zeros((*shape, 3), dtype=np.float32)
     batches = samples
     seconds = 0.0
-    with _variant(variant) as mi:
+    with variant_set(variant) as mi:
         for number, one in enumerate(lights):
             description = scene_dict(scene, camera, one)
             transparent = description["integrator"]["type"] == "volpath"

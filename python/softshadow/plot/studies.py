@@ -34,6 +34,9 @@ _NAMES = {
     "bytes": "bytes kept",
 }
 
+_LONGEST = 30
+"""Characters of a name in a figure."""
+
 _COLUMNS = 3
 """Panels beside each other."""
 
@@ -95,6 +98,7 @@ def pareto(
     axes, figure = _panels(len(panels), ax)
     names = rows["method"].astype(str).tolist()
     labels = fronts.labels(rows)
+    counts = _counts(rows, labels)
     for panel, (title, chosen) in zip(axes, panels.items(), strict=True):
         panel.set_xscale("log")
         panel.set_yscale("log")
@@ -106,7 +110,7 @@ def pareto(
             mine = np.array([i for i in chosen if names[i] == method])
             _points(panel, method, _strangers(names), times, errors, mine, on)
             if method.startswith(MITSUBA):
-                _sample_counts(panel, labels, times, errors, mine)
+                _sample_counts(panel, counts, times, errors, mine)
         panel.margins(0.12)
         panel.set_xlabel(_NAMES.get(x, x))
         panel.set_ylabel(_title_of_error(y))
@@ -217,7 +221,7 @@ def _panels(count: int, ax: Axes | None) -> tuple[list[Any], Figure]:
         if count > 1:
             raise ValueError(f"ax: the table has {count} settings, each needs axes of its own")
         return [ax], cast("Figure", ax.figure)
-    columns = min(count, _COLUMNS)
+    columns = 2 if count == 4 else min(count, _COLUMNS)
     lines = math.ceil(count / columns)
     figure = own_figure(
         (7.2 if count == 1 else 4.6 * columns + 1.6, 4.8 if count == 1 else 3.9 * lines)
@@ -281,20 +285,31 @@ def _front_line(
     ax.step(x[order], y[order], where="post", color="0.6", linewidth=3, alpha=0.45, zorder=1)
 
 
+def _counts(rows: pd.DataFrame, labels: list[str]) -> list[str]:
+    """Return the sample counts that labels tell, or a column ``samples``; or nothing."""
+    told = [re.search(r"\b(?:samples|spp)=(\d+)", label) for label in labels]
+    given = np.full(len(rows), np.nan)
+    if "samples" in rows.columns:
+        given = fronts.numbers(rows, "samples")
+    return [
+        found[1] if found else f"{number:.0f}" if np.isfinite(number) else ""
+        for found, number in zip(told, given, strict=True)
+    ]
+
+
 def _sample_counts(
     ax: Any,
-    labels: list[str],
+    counts: list[str],
     x: npt.NDArray[np.float64],
     y: npt.NDArray[np.float64],
     rows: npt.NDArray[np.int64],
 ) -> None:
     """Write Mitsuba's sample counts beside its marks."""
     for i in rows:
-        count = re.search(r"\b(?:samples|spp)=(\d+)", labels[i])
-        if count:
-            ax.annotate(
-                count[1], (x[i], y[i]), (5, 4), textcoords="offset points", fontsize="x-small"
-            )
+        note = ax.annotate(
+            counts[i], (x[i], y[i]), (5, 4), textcoords="offset points", fontsize="x-small"
+        )
+        note.set_in_layout(False)
 
 
 def _name(
@@ -304,8 +319,9 @@ def _name(
     taken: list[tuple[float, float, float]] = []
     points = 72.0 / ax.figure.dpi  # of a pixel; all below is in points
     for i in np.lexsort((y, x)):
+        text = texts[i] if len(texts[i]) <= _LONGEST else f"{texts[i][: _LONGEST - 1]}…"
         across, up = ax.transData.transform((x[i], y[i])) * points
-        width = 5.0 * len(texts[i])
+        width = 5.0 * len(text)
         beside = 9.0 if across + 9.0 + width < ax.bbox.x1 * points else -9.0 - width
         left = across + beside
         for height in (7, -13, 20, -26, 33, -39):
@@ -318,10 +334,11 @@ def _name(
                 break
         taken.append((left, left + width, low))
         far = abs(place[1]) > 15
-        ax.annotate(
-            texts[i], (x[i], y[i]), place, textcoords="offset points", fontsize="small", zorder=5,
+        note = ax.annotate(
+            text, (x[i], y[i]), place, textcoords="offset points", fontsize="small", zorder=5,
             arrowprops={"arrowstyle": "-", "color": "0.5", "linewidth": 0.6} if far else None,
         )  # fmt: skip
+        note.set_in_layout(False)  # or a long one makes its panel narrow
 
 
 def _legend(figure: Figure, axes: list[Any]) -> None:

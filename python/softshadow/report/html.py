@@ -10,13 +10,14 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
 __all__ = ["definitions", "figure", "image", "page", "table"]
+
+_ALL_DIGITS = 10**8
+"""Whole numbers below it are written with all their digits."""
 
 _HERE = Path(__file__).parent
 
@@ -64,7 +65,7 @@ def page(title: str, summary: str, sections: Mapping[str, str]) -> str:
 
 
 def figure(
-    drawn: Figure, caption: str, kind: Literal["svg", "png"] = "svg", dpi: float = 110
+    drawn: Figure, caption: str, kind: Literal["svg", "png", "png8"] = "svg", dpi: float = 110
 ) -> str:
     """Return a matplotlib figure as an image in the page itself.
 
@@ -73,8 +74,9 @@ def figure(
     drawn : matplotlib.figure.Figure
     caption : str
         Plain text, also for those who hear the page.
-    kind : {"svg", "png"}
-        Lines are sharp at any size as SVG; pictures are smaller as PNG.
+    kind : {"svg", "png", "png8"}
+        Lines are sharp at any size as SVG; pictures are smaller as PNG, and smallest with a palette
+        of 256 colours.
     dpi : float
         Pixels an inch, of PNG.
     """
@@ -84,9 +86,12 @@ def figure(
     # Text stays text; names in the file are the same in every run, and there is no date.
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "softshadow"}):
         metadata = {"Date": None} if kind == "svg" else {}
-        drawn.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
+        drawn.savefig(buffer, format=kind.rstrip("8"), dpi=dpi, metadata=metadata)
+    from softshadow.figure import with_palette
+
+    data = with_palette(buffer.getvalue()) if kind == "png8" else buffer.getvalue()
     mime = "image/svg+xml" if kind == "svg" else "image/png"
-    tag = image(buffer.getvalue(), caption, mime)
+    tag = image(data, caption, mime)
     return f"<figure>{tag}<figcaption>{escape(caption)}</figcaption></figure>\n"
 
 
@@ -121,20 +126,21 @@ def table(rows: pd.DataFrame, marked: Sequence[bool] | None = None, name: str = 
     kinds = [_is_number(rows.iloc[:, i]) for i in range(len(columns))]
     mark = ["front"] if marked is not None else []
     heads = "".join(
-        f'<th scope="col"{" class=number" if number else ""}>'
+        f'<th scope="col"{"" if number else " class=text"}>'
         f'<button type="button">{escape(_heading(c))}</button></th>'
         for c, number in zip([*mark, *columns], [*(False for _ in mark), *kinds], strict=True)
     )
     lines = []
     for i, values in enumerate(rows.itertuples(index=False, name=None)):
         on = marked is not None and bool(marked[i])
-        cells = [f'<td data-value="{int(not on)}">{"●" if on else ""}</td>' for _ in mark]
+        cells = [f'<td class="text">{"●" if on else ""}</td>' for _ in mark]
         for column, value, number in zip(columns, values, kinds, strict=True):
             cells.append(_cell(column, value, number))
         lines.append(f"<tr{' class=front' if on else ''}>{''.join(cells)}</tr>")
     attribute = f' id="{escape(name)}"' if name else ""
     body = "\n".join(lines)
     return (
+        f"{_FILTER if len(lines) >= _FILTERED else ''}"
         f'<div class="scroll"><table{attribute}><thead><tr>{heads}</tr></thead>\n'
         f"<tbody>\n{body}\n</tbody></table></div>\n"
     )
@@ -146,6 +152,15 @@ def definitions(facts: Mapping[str, str]) -> str:
     return f"<dl>\n{rows}</dl>\n"
 
 
+_FILTERED = 40
+"""Rows from which on a table has a field that filters it."""
+
+_FILTER = (
+    '<p><label>Rows with all of these words: <input type="search" class="filter" '
+    'placeholder="bunny medium"></label> <span class="soft"></span></p>\n'
+)
+
+
 def _heading(column: str) -> str:
     if column == "bytes":
         return "MB"
@@ -153,15 +168,14 @@ def _heading(column: str) -> str:
 
 
 def _cell(column: str, value: Any, number: bool) -> str:
+    text = "" if _missing(value) else str(value)
     if not number:
-        text = "" if _missing(value) else str(value)
-        return f"<td{' class=text' if len(text) > 40 else ''}>{escape(text)}</td>"
-    if _missing(value):
-        return '<td class="number" data-value="nan"></td>'
+        return f'<td class="text{" long" if len(text) > 40 else ""}">{escape(text)}</td>'
+    if not text:
+        return "<td></td>"
     shown = value / 1e6 if column == "bytes" else value
-    whole = isinstance(shown, (int, np.integer)) and not isinstance(shown, bool)
-    text = str(shown) if whole else f"{float(shown):.3g}"
-    return f'<td class="number" data-value="{float(value)!r}">{text}</td>'
+    whole = float(shown).is_integer() and abs(shown) < _ALL_DIGITS
+    return f"<td>{int(shown) if whole else f'{float(shown):.4g}'}</td>"
 
 
 def _is_number(column: pd.Series[Any]) -> bool:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
 from softshadow import fronts
 from softshadow.compare import Comparison
 from softshadow.report.html import figure, table
+from softshadow.sweep.columns import parameter_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +30,9 @@ __all__ = [
 
 _OPEN = 6
 """Settings or scenes whose figures are shown at once; more are folded away, each under its name."""
+
+_MANY = 12
+"""Settings from which on figures are small: of a prepared frame only, and as pictures."""
 
 _FIRST = [
     *("scene", "light", "camera", "method", "parameters", "prepare_seconds", "frame_seconds"),
@@ -64,19 +68,21 @@ def front_figures(rows: pd.DataFrame) -> str:
     found = fronts.settings(rows)
     ok = ~fronts.failed(rows)
     for name, chosen in found.items():
-        drawn = _front_figure(rows.iloc[chosen[ok[chosen]]], name)
+        drawn = _front_figure(rows.iloc[chosen[ok[chosen]]], name, len(found) >= _MANY)
         if len(found) > _OPEN and drawn:
             drawn = _folded(name, drawn)
         out.append(drawn)
     return "".join(out)
 
 
-def _front_figure(rows: pd.DataFrame, name: str) -> str:
+def _front_figure(rows: pd.DataFrame, name: str, small: bool) -> str:
     from softshadow.plot import pareto
     from softshadow.plot.pictures import own_figure
 
-    times = ["frame_seconds"] + ["total_seconds"] * ("prepare_seconds" in rows.columns)
-    drawn = own_figure((5.1 * len(times) + 1.6, 4.4))
+    times = ["frame_seconds"] + ["total_seconds"] * (
+        "prepare_seconds" in rows.columns and not small
+    )
+    drawn = own_figure((5.1 * len(times) + 2.4, 4.4))
     axes = drawn.subplots(1, len(times), squeeze=False, sharey=True)[0]
     try:
         for ax, x in zip(axes, times, strict=True):
@@ -91,7 +97,8 @@ def _front_figure(rows: pd.DataFrame, name: str) -> str:
     caption = "A frame of a static scene"
     if len(times) > 1:
         caption += "; right: everything made anew"
-    return figure(drawn, f"{name}. {caption}" if name else caption)
+    kind: Literal["svg", "png8"] = "png8" if small else "svg"
+    return figure(drawn, f"{name}. {caption}" if name else caption, kind)
 
 
 def cases(rows: pd.DataFrame) -> str:
@@ -101,6 +108,8 @@ def cases(rows: pd.DataFrame) -> str:
         return ""
     on = fronts.front(good)
     hidden = {*_OF_THE_RUN, *_NOT_SHOWN}
+    if "parameters" in good.columns:  # says what the columns of single parameters say
+        hidden |= {column for column, _ in parameter_columns().values()} - {"samples"}
     columns = [c for c in _FIRST if c in good.columns]
     for column in good.columns:
         detail = column.endswith(("_seconds_min", "_seconds_spread"))
@@ -154,7 +163,7 @@ def _scene(name: str, images: Pictures, note: str) -> str:
         strip(images),
         "Visibility, and below it the signed error: red where too bright, blue where too dark, "
         "grey where nothing was hit. One scale for all; large errors saturate.",
-        "png",
+        "png8",
     )
     lines = figure(scanline(images), "Visibility along the row of pixels with the most penumbra")
     return said + lit + strips + lines

@@ -14,7 +14,7 @@ from softshadow.camera import Camera
 from softshadow.checks import shown
 from softshadow.compare import label_of
 from softshadow.light import LightLike, as_lights
-from softshadow.methods import Method, MethodLike, resolve
+from softshadow.renderers import Measurable, resolve_measurable
 from softshadow.scene import Scene
 
 __all__ = ["Case", "Made", "grid", "made", "resolved"]
@@ -60,10 +60,13 @@ class Case:
         has ``scene``, ``light`` and ``camera``. None: the setup's own, or `framing.light_for`.
     camera : Camera or callable, optional
         As the light; without a setup `framing.camera_for`.
-    method : str or method
+    method : str, method or renderer
+        A renderer, such as `softshadow.mitsuba.Direct`, is measured as a method is.
     scene_name, light_name, camera_name, label : str
         What the table calls them. Not given: a function's or file's name, a light's kind, the
         method with its parameters.
+    left_out : str
+        Why it is not to be measured; its row is a failure that says so.
 
     Raises
     ------
@@ -81,11 +84,12 @@ class Case:
     scene: SceneSource
     light: LightLike | Chosen | None = None
     camera: Camera | Chosen | None = None
-    method: MethodLike = "ray_traced"
+    method: str | Measurable = "ray_traced"
     scene_name: str = ""
     light_name: str = ""
     camera_name: str = ""
     label: str = ""
+    left_out: str = ""
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, PathLike):
@@ -100,7 +104,7 @@ class Case:
             self._store("light", lights[0] if single else tuple(lights))
         if not (self.camera is None or callable(self.camera) or isinstance(self.camera, Camera)):
             raise TypeError(f"camera: expected softshadow.Camera, got {shown(self.camera)}")
-        self._store("method", resolve(self.method))
+        self._store("method", resolve_measurable(self.method))
         for name, thing in (
             ("scene_name", self.scene),
             ("light_name", self.light),
@@ -109,7 +113,7 @@ class Case:
             if not getattr(self, name):
                 self._store(name, _name_of(thing))
         if not self.label:
-            self._store("label", label_of(resolve(self.method)))
+            self._store("label", label_of(resolve_measurable(self.method)))
 
     def _store(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -145,7 +149,7 @@ def grid(scene: Any, light: Any = None, camera: Any = None, method: Any = None) 
     ----------
     scene, light, camera
         As of `Case`, or lists or dictionaries of these.
-    method : str, method, or list or dictionary of them, optional
+    method : str, method, renderer, or list or dictionary of them, optional
         All methods with their defaults, when not given.
 
     Returns
@@ -224,8 +228,8 @@ def made(source: SceneSource) -> Made:
     return Made(thing.scene, lights[0] if len(lights) == 1 else lights, thing.camera)
 
 
-def resolved(case: Case, its: Made) -> tuple[LightLike, Camera, Method]:
-    """Return a case's light, camera and method, in the scene that its source made.
+def resolved(case: Case, its: Made) -> tuple[LightLike, Camera]:
+    """Return a case's light and camera, in the scene that its source made.
 
     Raises
     ------
@@ -241,4 +245,4 @@ def resolved(case: Case, its: Made) -> tuple[LightLike, Camera, Method]:
     lights, single = as_lights(light)
     if not isinstance(camera, Camera):
         raise TypeError(f"camera: expected softshadow.Camera, got {shown(camera)}")
-    return lights[0] if single else tuple(lights), camera, resolve(case.method)
+    return lights[0] if single else tuple(lights), camera

@@ -8,9 +8,10 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from softshadow.compare import parameters_text
-from softshadow.methods import Method
-from softshadow.methods.base import _kinds
+from softshadow.methods.base import kinds_of
 from softshadow.methods.table import METHODS
+from softshadow.mitsuba import Direct
+from softshadow.renderers import Measurable
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,7 +28,7 @@ METRICS = (
 STAGES = (
     *("prepare", "frame", "geometry", "structures", "adjacency", "silhouettes", "wedges"),
     *("maps", "shadow map", "shadow maps", "deep shadow map", "distortion maps"),
-    *("reference image", "receivers", "shade", "textures"),
+    *("reference image", "receivers", "shade", "textures", "denoise"),
 )
 """As ``image.seconds`` names them; what else a method has is in the column ``more_stages``."""
 
@@ -55,15 +56,15 @@ _LAST = (
 
 
 def parameter_columns() -> dict[str, tuple[str, type]]:
-    """Return the column and the type of every parameter of every method.
+    """Return the column and the type of every parameter of every method, and of Mitsuba.
 
     The column has the parameter's name, with ``method_`` before it where the table has a column of
     that name already (``error`` and ``bias``).
     """
     taken = _taken()
     found: dict[str, tuple[str, type]] = {}
-    for method in METHODS.values():
-        for name, (kinds, _) in _kinds(method).items():
+    for method in (*METHODS.values(), Direct):
+        for name, (kinds, _) in kinds_of(method).items():
             kind = next((k for k in (bool, int, float) if k in kinds), str)
             before = found.get(name, ("", kind))[1]
             column = f"method_{name}" if name in taken else name
@@ -97,20 +98,22 @@ def schema(metadata: Mapping[str, str]) -> pa.Schema:
     )
 
 
-def row_of(method: Method, timed: list[dict[str, float]]) -> dict[str, Any]:
+def row_of(method: Measurable, timed: list[dict[str, float]]) -> dict[str, Any]:
     """Return a row's cells about the method and its times.
 
     Parameters
     ----------
-    method : Method
+    method : Method or Renderer
+        Parameters of a renderer that no column has are in ``parameters`` only.
     timed : list of dict
         ``image.seconds`` of each repeat, all of one machine; may be empty.
     """
     columns = parameter_columns()
     cells: dict[str, Any] = {"method": method.name, "parameters": parameters_text(method)}
     for name, value in method.parameters().items():
-        column, kind = columns[name]
-        cells[column] = None if value is None else kind(value)
+        if name in columns:
+            column, kind = columns[name]
+            cells[column] = None if value is None else kind(value)
     more = {}
     for stage in timed[0] if timed else ():
         seconds = [times[stage] for times in timed]

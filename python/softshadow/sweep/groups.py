@@ -21,6 +21,7 @@ from softshadow import metrics
 from softshadow.camera import Camera
 from softshadow.light import LightLike
 from softshadow.methods import Method
+from softshadow.renderers import Measurable
 from softshadow.sweep.columns import row_of
 from softshadow.sweep.references import Reference
 from softshadow.sweep.store import Store
@@ -41,6 +42,8 @@ class Settings:
     reference : Method
     images : Path or None
         The folder of the pictures.
+    repeat_seconds : float or None
+    reference_seconds : float or None
     """
 
     repeats: int
@@ -48,6 +51,8 @@ class Settings:
     alone: bool
     reference: Method
     images: Path | None
+    repeat_seconds: float | None = None
+    reference_seconds: float | None = None
 
 
 @dataclass(eq=False)
@@ -57,7 +62,7 @@ class OpenCase:
     Attributes
     ----------
     key : str
-    method : Method
+    method : Method or Renderer
     names : dict
         ``scene``, ``light``, ``camera`` and ``label``, as the table has them.
     turns : dict
@@ -69,7 +74,7 @@ class OpenCase:
     """
 
     key: str
-    method: Method
+    method: Measurable
     names: dict[str, str]
     turns: dict[int, dict[str, Any]] = field(default_factory=dict)
     started: int = 0
@@ -159,8 +164,7 @@ class Group:
     @property
     def turns_left(self) -> int:
         """How many repeats are not done; a case that waits for its row counts as one."""
-        wanted = self._settings.repeats
-        return sum(max(1, wanted - len(case.pooled())) for case in self._open)
+        return sum(max(1, self._wanted(case) - len(case.pooled())) for case in self._open)
 
     def next(self) -> Step | None:
         """Return what can be done now, if there is anything."""
@@ -175,7 +179,7 @@ class Group:
             name = f"reference {self._open[0].key} {getattr(methods[0], 'samples', 0)}"
             return Step(self._task(name, methods, pictures=True))
         self._finish()
-        wanting = [case for case in self._open if self._done(case) < self._settings.repeats]
+        wanting = [case for case in self._open if self._done(case) < self._wanted(case)]
         return self._turn(min(wanting, key=self._done)) if wanting else None
 
     def take(self, step: Step, outcome: Outcome) -> None:
@@ -211,6 +215,13 @@ class Group:
     def _done(self, case: OpenCase) -> int:
         return len(case.pooled()) + case.flying
 
+    def _wanted(self, case: OpenCase) -> int:
+        """Return how many repeats a case is to have, as far as its times tell already."""
+        most, limit = self._settings.repeats, self._settings.repeat_seconds
+        turns = case.pooled()
+        taken = sum(turn["seconds"]["prepare"] + turn["seconds"]["frame"] for turn in turns)
+        return most if not turns or limit is None or taken < limit else min(most, len(turns))
+
     def _turn(self, case: OpenCase) -> Step:
         number = case.started
         case.started += 1
@@ -219,7 +230,7 @@ class Group:
         host = case.pooled()[-1]["host"] if case.turns else None
         return Step(task, case, number, host)
 
-    def _task(self, name: str, methods: tuple[Method, ...], pictures: bool) -> Task:
+    def _task(self, name: str, methods: tuple[Measurable, ...], pictures: bool) -> Task:
         s = self._settings
         return Task(
             name, self.scene, self._light, self._camera, methods, pictures, s.threads, s.alone
@@ -248,7 +259,7 @@ class Group:
     def _finish(self) -> None:
         """Write the rows of all cases that have their repeats."""
         for case in list(self._open):
-            if len(case.pooled()) >= self._settings.repeats and not case.flying:
+            if len(case.pooled()) >= self._wanted(case) and not case.flying:
                 self._write(case, self._reference.error)
 
     def _write(self, case: OpenCase, error: str | None, failed: Outcome | None = None) -> None:
@@ -263,7 +274,8 @@ class Group:
         last = turns[-1] if turns else vars(failed) if failed is not None else {}
         row.update({name: last.get(name) or None for name in ("machine", "threads", "version")})
         row["time"] = datetime.fromisoformat(last["time"]) if last.get("time") else None
-        row["bytes"] = max((turn["bytes"] for turn in turns), default=None)
+        told = [turn["bytes"] for turn in turns if turn["bytes"] is not None]
+        row["bytes"] = max(told, default=None)
         row.update(key=case.key, error=error)
         self._store.write(case.key, row)
         self._open.remove(case)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from softshadow import metrics
 from softshadow.compare import DEFAULT_REFERENCE, label_of
 from softshadow.methods import Method, RayTraced
+from softshadow.renderers import Measurable
 from softshadow.sweep.store import Store
 from softshadow.sweep.work import Outcome
 
@@ -49,9 +50,14 @@ class Reference:
     method : Method
         With ``samples`` and ``seed``: two halves, with up to as many samples each. Without: one
         picture, whose own error nobody knows.
+    seconds : float or None
+        A better one is made only where that is likely to take less.
     """
 
-    def __init__(self, store: Store, key: str, method: Method) -> None:
+    def __init__(
+        self, store: Store, key: str, method: Method, seconds: float | None = None
+    ) -> None:
+        self._seconds = seconds
         self._store = store
         self._path = store.reference(key)
         self._method = method
@@ -93,7 +99,13 @@ class Reference:
 
     def exhausted(self) -> bool:
         """Return whether it cannot be made better."""
-        return self._about is not None and self._about["samples"] >= self._most
+        if self._about is None:
+            return False
+        if self._about["samples"] >= self._most:
+            return True
+        # Its time grows with its samples; there are two halves.
+        grown = 2 * _GROWTH * float(self._about.get("seconds", 0.0))
+        return self._seconds is not None and grown > self._seconds
 
     def next(self) -> tuple[Method, ...]:
         """Return the methods whose pictures make the next, better one."""
@@ -106,7 +118,7 @@ class Reference:
         sampled: Any = self._method  # one of those with both parameters
         return tuple(replace(sampled, samples=samples, seed=s) for s in seeds)
 
-    def take(self, methods: tuple[Method, ...], outcome: Outcome) -> None:
+    def take(self, methods: tuple[Measurable, ...], outcome: Outcome) -> None:
         """Keep what the methods' pictures make."""
         if outcome.error is not None or outcome.mask is None:
             self.error = f"reference: {outcome.error}"
@@ -127,6 +139,7 @@ class Reference:
             "reference_rmse": own["rmse"],
             "reference_mae": own["mae"],
             "samples": samples,
+            "seconds": outcome.seconds["prepare"] + outcome.seconds["frame"],
         }
         about = json.dumps(self._about)
         self._store.save(self._path, visibility=visibility, mask=mask, about=about)

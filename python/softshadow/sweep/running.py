@@ -18,6 +18,7 @@ from softshadow.camera import Camera
 from softshadow.extras import require
 from softshadow.light import LightLike
 from softshadow.methods import MethodLike, resolve
+from softshadow.renderers import resolve_measurable
 from softshadow.sweep.cases import Case, Made, made, resolved
 from softshadow.sweep.columns import row_of
 from softshadow.sweep.digests import digest
@@ -46,6 +47,8 @@ def sweep(
     *,
     threads: int | None = None,
     alone: bool = True,
+    repeat_seconds: float | None = None,
+    reference_seconds: float | None = None,
     retry: bool = False,
 ) -> pd.DataFrame:
     """Measure cases, keep each in a store as soon as it is known, and return their table.
@@ -85,6 +88,12 @@ def sweep(
     alone : bool
         Whether a case has its machine to itself: nothing else of any sweep of this user runs there
         meanwhile, whatever the number of workers. False: times are of a busy machine.
+    repeat_seconds : float, optional
+        A case is repeated only while preparing and rendering it has taken less than that in all:
+        slow ones have fewer repeats, one at least, and their rows say how many.
+    reference_seconds : float, optional
+        A better reference is made only where that is likely to take less than so long; rows of
+        errors that it is too coarse for have ``reference_converged`` false.
     retry : bool
         Whether cases that failed before are measured again.
 
@@ -135,6 +144,8 @@ def sweep(
         alone=checks.flag(alone, "alone"),
         reference=REFERENCE if reference is None else resolve(reference),
         images=None if images is None else Path(images),
+        repeat_seconds=_seconds(repeat_seconds, "repeat_seconds"),
+        reference_seconds=_seconds(reference_seconds, "reference_seconds"),
     )
     bar = Bar(progress, "sweep")
     kept = Store(store)
@@ -145,6 +156,10 @@ def sweep(
     for name, attribute in _NAMES.items():  # a case may have had another name when it was measured
         table[name] = [getattr(case, attribute) for case in asked]
     return table
+
+
+def _seconds(value: float | None, what: str) -> float | None:
+    return None if value is None else checks.number(value, what, "seconds")
 
 
 _NAMES = {"scene": "scene_name", "light": "light_name", "camera": "camera_name", "label": "label"}
@@ -184,18 +199,20 @@ class _Plan:
                 scenes[source] = _made(case)
             scene = scenes[source]
             s = self.settings
-            method = resolve(case.method)
+            method = resolve_measurable(case.method)
             names = {name: getattr(case, attribute) for name, attribute in _NAMES.items()}
-            error = scene.error
+            error = f"left out: {case.left_out}" if case.left_out else scene.error
             where: tuple[str, LightLike, Camera] | None = None
-            if scene.its is not None:
+            if scene.its is not None and not case.left_out:
                 try:
-                    light, camera, _ = resolved(case, scene.its)
-                    where = (scene.digest, light, camera)
+                    where = (scene.digest, *resolved(case, scene.its))
                 except Exception as problem:
                     error = f"{type(problem).__name__}: {problem}"
             what = where if where is not None else ("failed", error, *names.values())
-            rules = (s.repeats, s.threads, s.reference, SHARE)
+            rules: tuple[object, ...] = (s.repeats, s.threads, s.reference, SHARE)
+            for name in ("repeat_seconds", "reference_seconds"):
+                limit = getattr(s, name)
+                rules += () if limit is None else (name, limit)
             key = digest("case", FORMAT, what, method, rules)
             self.keys.append(key)
             if key in known:
@@ -213,7 +230,9 @@ class _Plan:
             self.entries[scene.digest] = scene.entries
         self.store.tidy(done)
         for group, (place, cases) in open_cases.items():
-            reference = Reference(self.store, group, self.settings.reference)
+            reference = Reference(
+                self.store, group, self.settings.reference, self.settings.reference_seconds
+            )
             self.groups[group] = Group(self.store, *place, reference, cases, self.settings)
 
     def _stays(self, key: str) -> bool:

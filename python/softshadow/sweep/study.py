@@ -20,6 +20,11 @@
     [[method]]
     name = "ray_traced"
     samples = [16, 64, 256]         # lists multiply
+
+    [[method]]
+    name = "mitsuba"                # softshadow.mitsuba.Direct
+    variant = ["scalar_rgb", "llvm_ad_mono"]
+    left_out = { bunny = "why" }    # not measured on these scenes; a row says so
 """
 
 from __future__ import annotations
@@ -40,12 +45,18 @@ from softshadow.camera import Camera
 from softshadow.extras import needs
 from softshadow.light import as_lights
 from softshadow.methods import Method, resolve
+from softshadow.mitsuba import Direct
+from softshadow.renderers import Measurable
 from softshadow.sweep.cases import Case, Made, grid
 
-__all__ = ["Study", "read_study"]
+__all__ = ["Study", "read_study", "resized"]
 
-_KEYS = ("store", "repeats", "threads", "workers", "images", "reference", "size", "alone")
+_OPTIONS = ("repeats", "repeat_seconds", "reference_seconds", "threads", "alone")
+_KEYS = ("store", *_OPTIONS, "workers", "images", "reference", "size")
 _TABLES = ("scene", "light", "camera", "method")
+
+_MITSUBA = "mitsuba"
+"""What a study calls `softshadow.mitsuba.Direct`."""
 
 
 @dataclass(frozen=True)
@@ -110,14 +121,12 @@ def _study(text: dict[str, Any], folder: Path) -> Study:
     size = text.get("size")
     if size is not None and not (isinstance(size, list) and len(size) == 2):
         raise ValueError(f"size: expected [width, height], got {size!r}")
-    options: dict[str, Any] = {
-        name: text[name] for name in ("repeats", "threads", "alone") if name in text
-    }
+    options: dict[str, Any] = {name: text[name] for name in _OPTIONS if name in text}
     if "images" in text:
         options["images"] = folder / text["images"]
     if "reference" in text:
         found = _methods(text["reference"], "reference")
-        if len(found) != 1:
+        if len(found) != 1 or not isinstance(found[0], Method):
             raise ValueError("reference: expected one method")
         options["reference"] = found[0]
     workers = text.get("workers", 1)
@@ -128,9 +137,17 @@ def _study(text: dict[str, Any], folder: Path) -> Study:
         raise ValueError("study: expected a [scene.NAME] at least")
     given = {name: _light(what, name) for name, what in _table(text, "light").items()}
     cameras = {name: _camera(what, name, size) for name, what in _table(text, "camera").items()}
-    own = None if size is None else partial(_resized, size=tuple(size))
-    methods = [m for what in text.get("method", []) for m in _methods(what, "method")]
+    own = None if size is None else partial(resized, size=tuple(size))
+    methods: list[Measurable] = []
+    left_out: dict[tuple[Any, str], str] = {}
+    for what in text.get("method", []):
+        rest = dict(what) if isinstance(what, dict) else what
+        reasons = _left_out(rest, scenes)
+        some = _methods(rest, "method")
+        methods += some
+        left_out.update({(m, scene): why for m in some for scene, why in reasons.items()})
     cases = grid(scenes, given or None, cameras or {"own": own}, methods or None)
+    cases = [replace(c, left_out=left_out.get((c.method, c.scene_name), "")) for c in cases]
     return Study(cases, folder / text.get("store", "results.parquet"), workers, options)
 
 
@@ -201,7 +218,7 @@ def _made_of(kind: Any, arguments: dict[str, Any], what: str) -> Any:
     return kind(**arguments)
 
 
-def _resized(its: Made, size: tuple[int, int]) -> Camera:
+def resized(its: Made, size: tuple[int, int]) -> Camera:
     """Return a scene's own camera with another size, the height of its view kept."""
     own, (width, height) = its.camera, size
     K = own.K.copy()
@@ -211,14 +228,24 @@ def _resized(its: Made, size: tuple[int, int]) -> Camera:
     return Camera.from_matrix(K, own.camera_to_world, width, height)
 
 
-def _methods(what: Any, where: str) -> list[Method]:
+def _left_out(method: Any, scenes: Mapping[str, Any]) -> dict[str, str]:
+    """Take from a method's table the scenes on which it is not to be measured, with reasons."""
+    reasons = method.pop("left_out", {}) if isinstance(method, dict) else {}
+    if not isinstance(reasons, dict) or not all(isinstance(v, str) for v in reasons.values()):
+        raise ValueError(f'method: left_out: expected {{ scene = "why" }}, got {reasons!r}')
+    _known(reasons, tuple(scenes), "method: left_out")
+    return reasons
+
+
+def _methods(what: Any, where: str) -> list[Measurable]:
     """Return a method for every combination of the parameters that are lists."""
     if isinstance(what, str):
         return [resolve(what)]
     if not isinstance(what, dict) or "name" not in what:
         raise ValueError(f"{where}: expected a name and parameters, got {what!r}")
     rest = dict(what)
-    base = resolve(rest.pop("name"))
-    _known(rest, tuple(base.parameters()), f"{where} {base.name}")
+    name = rest.pop("name")
+    base: Any = Direct() if name == _MITSUBA else resolve(name)
+    _known(rest, tuple(base.parameters()), f"{where} {name}")
     lists = [value if isinstance(value, list) else [value] for value in rest.values()]
     return [replace(base, **dict(zip(rest, values, strict=True))) for values in product(*lists)]

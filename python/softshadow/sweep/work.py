@@ -30,7 +30,8 @@ from softshadow.entries import Mesh, Spheres
 from softshadow.light import LightLike
 from softshadow.machine import processor
 from softshadow.methods import Method
-from softshadow.render import prepare
+from softshadow.render import Image, prepare
+from softshadow.renderers import Measurable, Rendered
 from softshadow.scene import scene_of
 
 __all__ = ["Entries", "Outcome", "Task", "machine", "machine_to_itself", "run"]
@@ -57,7 +58,7 @@ class Task:
         The digest of its entries.
     light, camera
         As of `render`.
-    methods : tuple of Method
+    methods : tuple of Method or Renderer
         A picture each.
     pictures : bool
         Whether the pictures are wanted, or the times only.
@@ -70,7 +71,7 @@ class Task:
     scene: str
     light: LightLike
     camera: Camera
-    methods: tuple[Method, ...]
+    methods: tuple[Measurable, ...]
     pictures: bool
     threads: int | None
     alone: bool
@@ -88,9 +89,11 @@ class Outcome:
         What went wrong.
     seconds : dict
         Of the last picture, by stage.
-    bytes, threads : int
+    bytes : int or None
+    threads : int
     machine, version, time : str
-        The time is the end's, UTC, as ISO 8601 has it.
+        The version is this package's and, of a renderer, its own as well. The time is the end's,
+        UTC, as ISO 8601 has it.
     worker, host : str or None
         Where Dask finds the process, and its machine.
     pictures : tuple of ndarray, shape (H, W) or (L, H, W)
@@ -101,7 +104,7 @@ class Outcome:
     missing: bool = False
     error: str | None = None
     seconds: dict[str, float] = field(default_factory=dict)
-    bytes: int = 0
+    bytes: int | None = 0
     threads: int = 0
     machine: str = ""
     version: str = ""
@@ -156,22 +159,29 @@ def _rendered(task: Task, entries: Entries) -> Outcome:
     """Prepare and render a fresh scene for each method, as `compare` does."""
     pictures = []
     for method in task.methods:
-        image = prepare(scene_of(entries), task.light, method).render(task.camera)
+        image = _image(task, method, entries)
         pictures.append(image.visibility)
     return Outcome(
         seconds=image.seconds,
         bytes=image.bytes,
         pictures=tuple(pictures) if task.pictures else (),
         mask=image.mask if task.pictures else None,
-        **_where(),
+        **_where(method),
     )
 
 
-def _where() -> dict[str, Any]:
+def _image(task: Task, method: Measurable, entries: Entries) -> Image | Rendered:
+    if isinstance(method, Method):
+        return prepare(scene_of(entries), task.light, method).render(task.camera)
+    return method.render(scene_of(entries), task.camera, task.light)
+
+
+def _where(method: Measurable | None = None) -> dict[str, Any]:
+    its = "" if method is None or isinstance(method, Method) else f", {method.version}"
     return {
         "threads": parallel.thread_count(),
         "machine": machine(),
-        "version": __version__,
+        "version": f"{__version__}{its}",
         "time": datetime.now(timezone.utc).isoformat(),
         "host": (_dask_worker() or "").rpartition("://")[2].rpartition(":")[0] or None,
     }
