@@ -6,10 +6,10 @@ The models are not part of softshadow; they come with packages that ``pip instal
 - the Stanford bunny (99,785 triangles, open at the bottom) with ``pymeshfix``,
 - Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
 
-The figures of two papers (``wedges_paper``, ``ssoc_paper``) are built from scratch, and so are scenes
-in which shadow maps go wrong (``map_artifacts``), a tree and a ball of fur; those and a statue
-(``dense``) have the triangles that the methods are for. `hard` has the cases in which methods go
-wrong, with their answers and what each may be off (``hard_cases``).
+The figures of two papers (``wedges_paper``, ``ssoc_paper``) are built from scratch, and so are
+scenes in which shadow maps go wrong (``map_artifacts``), a tree and a ball of fur; those and a
+statue (``dense``) have the triangles that the methods are for. `hard` has the cases in which
+methods go wrong, with their answers and what each may be off (``hard_cases``).
 """
 
 from softshadow.scenes.basic import bunny_on_plane, city, closed_solids, half_plane, tilted_sheet
