@@ -266,7 +266,7 @@ def test_the_command_reads_a_folder_of_parquet_parts(result, tmp_path, capsys):
 @pytest.mark.skipif(stanford_bunny_path() is None, reason="the bunny's package is not installed")
 def test_the_demo_ends_with_a_page(tmp_path):
     demo = Path(__file__).parents[1] / "examples" / "demo.py"
-    command = [sys.executable, str(demo), str(tmp_path), "--size", "32", "--budget", "10"]
+    command = [sys.executable, str(demo), str(tmp_path), "--size", "32", "--budget", "20"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert f"the page: {tmp_path / 'report.html'}" in done.stdout
