@@ -1,73 +1,38 @@
-"""Sweeps: cases and what they are known by, stores that survive a kill, executors, the command."""
+"""Sweeps: cases and what they are known by, rows, references, stores."""
 
 from __future__ import annotations
 
-import concurrent.futures
 import dataclasses
 import json
-import multiprocessing
 import os
 import pickle
-import random
-import re
-import signal
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import softshadow as ss
-from softshadow import cli
 from softshadow.methods import resolve
 from softshadow.sweep import columns, digests, groups, pools, running, work
-from softshadow.sweep.references import REFERENCE, SHARE
+from softshadow.sweep.references import SHARE
 from softshadow.sweep.store import FORMAT, Store
-from softshadow.sweep.study import read_study
+from sweeping import CAMERA, LIGHTS, QUICK, SIZE, board, crowd, quick, timeless
 
 HERE = Path(__file__).parent
-SIZE = {"width": 24, "height": 16}
-CAMERA = ss.Camera((0, -4, 3), (0, 0, 0.3), **SIZE)
-LIGHTS = {r: ss.SphereLight((0, 0, 4), float(r)) for r in ("0.2", "0.4", "0.6")}
-QUICK = ss.RayTraced(samples=256, seed=7)
-"""A reference that is soon made."""
-
-TIMES = {"time", "machine"}
 
 
-def board(height=1.0):
-    """A board over a ground."""
-    scene = ss.Scene()
-    scene.add(ss.scenes.square(3))
-    scene.add(ss.scenes.square(0.5, height), "board")
-    return scene
-
-
-def crowd(count):
-    """So many small cases, of two scenes and three lights."""
-    methods = [ss.RayTraced(samples=4, seed=i) for i in range(-(-count // 6))]
-    scenes = {"low": board(0.8), "high": board(1.2)}
-    return ss.grid(scenes, LIGHTS, CAMERA, methods)[:count]
-
-
-def quick(cases, store, **options):
-    return ss.sweep(cases, store, **{"reference": QUICK, "repeats": 1, "progress": False} | options)
-
-
-def timeless(table):
-    """A table without what differs from run to run."""
-    names = [n for n in table.columns if n not in TIMES and "_seconds" not in n and n != "threads"]
-    return table[names]
-
-
-@pytest.fixture
-def pool():
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(2, mp_context=context) as executor:
-        yield executor
+def _program(code, *arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": str(HERE)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        **options,
+    )
 
 
 # ---------------------------------------------------------------- cases
@@ -149,7 +114,7 @@ def test_a_case_is_known_by_all_that_it_is_made_of(tmp_path):
 
 def test_digests_are_the_same_in_every_process_and_tell_kinds_apart():
     code = """
-        import softshadow as ss, test_sweep as t
+        import softshadow as ss, sweeping as t
         from softshadow.sweep import digests
         print(digests.digest(t.board(), t.CAMERA, t.LIGHTS["0.2"], t.QUICK))
     """
@@ -352,7 +317,7 @@ def test_other_stores_are_refused_and_kept(tmp_path):
 
 def test_two_processes_do_not_write_to_one_store(tmp_path):
     code = """
-        import sys, test_sweep as t
+        import sys, sweeping as t
         t.quick(t.crowd(2), sys.argv[1])
     """
     store = Store(tmp_path / "r")
@@ -423,211 +388,6 @@ def test_a_reader_opens_a_store_that_grows(tmp_path):
     assert all(a == b for a, b in seen)
 
 
-# ---------------------------------------------------------------- kills
-
-
-def _program(code, *arguments, **options):
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": str(HERE)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        **options,
-    )
-
-
-SWEEP_A_CROWD = """
-import sys
-import test_sweep as t
-from softshadow.sweep import pools, work
-
-real = work.run
-def told(task, source):
-    with open(sys.argv[2], "a") as log:
-        print("begins", task.name, file=log, flush=True)
-        outcome = real(task, source)
-        print("ends", task.name, file=log, flush=True)
-    return outcome
-
-pools.run = told
-t.quick(t.crowd(int(sys.argv[3])), sys.argv[1], repeats=2)
-"""
-
-
-def _killed_three_times(tmp_path, count):
-    store, log = tmp_path / "r.parquet", tmp_path / "log"
-    dice = random.Random(5)
-    for kill in range(4):
-        process = subprocess.Popen(
-            [sys.executable, "-c", SWEEP_A_CROWD, str(store), str(log), str(count)],
-            env={**os.environ, "PYTHONPATH": str(HERE)},
-        )
-        if kill == 3:
-            assert process.wait(600) == 0
-            break
-        # At a random moment after a random number of further tasks.
-        begun = log.read_text().count("ends") if log.exists() else 0
-        wanted = begun + dice.randint(count // 6, count // 2)
-        while process.poll() is None and (
-            not log.exists() or log.read_text().count("ends") < wanted
-        ):
-            time.sleep(0.002)
-        time.sleep(dice.random() * 0.02)
-        assert process.poll() is None, "it ended before it was killed"
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    table = pd.read_parquet(store)
-    assert len(table) == count
-    assert table["key"].is_unique
-    assert table["error"].isna().all()
-    ended = [line for line in log.read_text().splitlines() if line.startswith("ends ")]
-    # Every repeat once, and at most what was interrupted a second time, at each kill.
-    assert len(ended) - len(set(ended)) <= 3
-    references = [line for line in ended if line.startswith("ends reference")]
-    assert 6 <= len(references) <= 9
-    assert 2 * count <= len(ended) - len(references) <= 2 * count + 3
-    assert not list((store / "_turns").iterdir())
-    expected = quick(crowd(count), tmp_path / "whole.parquet", repeats=2)
-    names = [*columns.METRICS, "label", "light", "bytes"]
-    found = table.set_index("key").loc[expected["key"]].reset_index()
-    pd.testing.assert_frame_equal(found[names], expected[names])
-
-
-def test_a_sweep_that_is_killed_three_times_loses_nothing(tmp_path):
-    _killed_three_times(tmp_path, 60)
-
-
-@pytest.mark.slow
-def test_a_long_sweep_that_is_killed_three_times_loses_nothing(tmp_path):
-    _killed_three_times(tmp_path, 500)
-
-
-# ---------------------------------------------------------------- executors
-
-
-def test_a_pool_of_processes_makes_the_same_table(tmp_path, pool):
-    cases = crowd(12)
-    here = quick(cases, tmp_path / "here", repeats=2)
-    there = quick(cases, tmp_path / "there", executor=pool, repeats=2)
-    pd.testing.assert_frame_equal(timeless(there), timeless(here))
-
-
-@pytest.mark.parametrize("reached", [True, False])
-def test_a_scene_travels_by_a_file_or_to_who_cannot_read_it(tmp_path, monkeypatch, pool, reached):
-    sent = []
-    real = pools.Pool.submit
-
-    def told(self, task, source, where):
-        sent.append(source)
-        elsewhere = isinstance(source, str) and not reached
-        return real(self, task, "/nowhere" if elsewhere else source, where)
-
-    monkeypatch.setattr(pools.Pool, "submit", told)
-    methods = [ss.RayTraced(samples=4, seed=i) for i in range(9)]
-    cases = ss.grid(board(), LIGHTS["0.4"], CAMERA, methods)
-    table = quick(cases, tmp_path / "r", executor=pool, repeats=2)
-    assert table["error"].isna().all()
-    travelled = [source for source in sent if not isinstance(source, str)]
-    assert len(travelled) < len(sent) / 2
-    assert bool(travelled) != reached
-    files = {source for source in sent if isinstance(source, str)}
-    assert len(files) == 1
-    assert not Path(files.pop()).exists()
-
-
-def test_a_worker_that_crashes_is_a_row_and_the_sweep_goes_on(tmp_path, pool, monkeypatch):
-    monkeypatch.setattr(pools, "run", crash_on_ssoc)
-    cases = ss.grid(board, LIGHTS["0.4"], CAMERA, ["hard", "ssoc", "wedges", "shadow_volume"])
-    table = ss.sweep(cases, tmp_path / "r", pool, QUICK, 2, progress=False)
-    assert table["error"][1].startswith("the worker process died")
-    assert table["error"].isna().sum() == 3
-    assert table["rmse"].notna().sum() == 3
-
-
-def crash_on_ssoc(task, source):
-    if task.methods[0].name == "ssoc":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return work.run(task, source)
-
-
-def crash_on_odd_seeds(task, source):
-    if getattr(task.methods[0], "seed", 0) in (1, 3, 5):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return work.run(task, source)
-
-
-def test_only_cases_that_crash_by_themselves_have_failed(tmp_path, pool, monkeypatch):
-    monkeypatch.setattr(pools, "run", crash_on_odd_seeds)
-    methods = [ss.RayTraced(samples=4, seed=seed) for seed in range(6)]
-    cases = ss.grid(board, LIGHTS["0.4"], CAMERA, methods)
-    table = quick(cases, tmp_path / "r", executor=pool, alone=False)
-    assert table["error"].notna().tolist() == [False, True] * 3
-
-
-def kill_a_worker_once(task, source):
-    """Run a task; the first of wedges kills its worker."""
-    if task.methods[0].name == "wedges":
-        try:
-            os.close(os.open(os.environ["SWEEP_KILLED"], os.O_CREAT | os.O_EXCL))
-            os.kill(os.getpid(), signal.SIGKILL)
-        except FileExistsError:
-            pass
-    return work.run(task, source)
-
-
-@pytest.mark.parametrize("killed", [pytest.param(False, marks=pytest.mark.slow), True])
-def test_a_dask_cluster_makes_the_same_table(tmp_path, monkeypatch, killed):
-    distributed = pytest.importorskip("distributed")
-    monkeypatch.setenv("SWEEP_KILLED", str(tmp_path / "killed"))
-    monkeypatch.setenv("PYTHONPATH", str(HERE))
-    cases = ss.grid(board, LIGHTS, CAMERA, ["hard", "wedges", ss.RayTraced(samples=4)])
-    here = quick(cases, tmp_path / "here", repeats=2)
-    if killed:
-        monkeypatch.setattr(pools, "run", kill_a_worker_once)
-    with (
-        distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        there = ss.sweep(cases, tmp_path / "there", client.get_executor(), QUICK, 2, progress=False)
-    assert (tmp_path / "killed").exists() == killed
-    pd.testing.assert_frame_equal(timeless(there), timeless(here))
-
-
-@pytest.mark.slow
-def test_a_long_sweep_goes_on_when_dask_s_workers_are_killed(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed")
-    monkeypatch.setenv("PYTHONPATH", str(HERE))
-    dice = random.Random(6)
-    store = tmp_path / "r"
-    wanted = [dice.randrange(a, a + 100) for a in (20, 180, 340)]  # rows, at each kill
-    with (
-        distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-
-        def told(fraction):
-            if wanted and len(list(store.glob("part-*"))) >= wanted[0]:
-                del wanted[0]
-                workers = list(client.run(os.getpid).values())
-                os.kill(dice.choice(workers), signal.SIGKILL)
-
-        executor = client.get_executor()
-        table = quick(crowd(500), store, executor=executor, progress=told, repeats=2)
-    assert not wanted
-    assert len(pd.read_parquet(store)) == 500
-    expected = quick(crowd(500), tmp_path / "here", repeats=2)
-    pd.testing.assert_frame_equal(timeless(table), timeless(expected))
-
-
-def test_other_kinds_of_executors_work(tmp_path):
-    with concurrent.futures.ThreadPoolExecutor(3) as executor:
-        table = quick(crowd(6), tmp_path / "r", executor=executor)
-    assert table["error"].isna().all()
-    with pytest.raises(TypeError, match="executor: expected"):
-        quick(crowd(1), tmp_path / "s", executor="threads")
-
-
 def test_arguments_are_checked(tmp_path):
     for cases, error in ((["hard"], TypeError), ([], ValueError)):
         with pytest.raises(error, match=r"^cases: "):
@@ -635,179 +395,3 @@ def test_arguments_are_checked(tmp_path):
     for option in ({"repeats": 0}, {"threads": 0}, {"alone": 1}, {"retry": "no"}):
         with pytest.raises((TypeError, ValueError), match=rf"^{next(iter(option))}: "):
             quick(crowd(1), tmp_path / "r", **option)
-
-
-# ---------------------------------------------------------------- the command
-
-
-STUDY = """
-store = "study.parquet"
-repeats = 1
-size = [24, 16]
-workers = 0
-reference = { name = "ray_traced", samples = 256, seed = 7 }
-
-[scene.plane]
-factory = "half_plane"
-
-[scene.box]
-path = "box.ply"
-
-[light.small]
-kind = "sphere"
-size = 0.1
-
-[light.fixed]
-kind = "disk"
-center = [0, 0, 4]
-normal = [0, 0, -1]
-radius = 0.3
-
-[[method]]
-name = "ray_traced"
-samples = [4, 16]
-seed = [0, 1]
-
-[[method]]
-name = "hard"
-"""
-
-
-@pytest.fixture
-def study(tmp_path):
-    import trimesh
-
-    trimesh.creation.box().export(tmp_path / "box.ply")
-    path = tmp_path / "study.toml"
-    path.write_text(STUDY)
-    return path
-
-
-def test_the_command_sweeps_a_study(study, capsys):
-    assert cli.main(["sweep", str(study)]) == 0
-    said = capsys.readouterr()
-    store = study.parent / "study.parquet"
-    assert said.out == f"{store}: 20 cases, 0 failed\n"
-    assert "of 20 cases left" in said.err
-    table = pd.read_parquet(store)
-    assert set(table["scene"]) == {"plane", "box"}
-    assert set(table["light"]) == {"small", "fixed"}
-    assert set(table["label"]) == {
-        *("hard", "ray_traced(samples=4)", "ray_traced(samples=16)"),
-        *("ray_traced(samples=4, seed=1)", "ray_traced(samples=16, seed=1)"),
-    }
-    pickle.dumps(read_study(study).cases)
-    begin = time.monotonic()
-    assert cli.main(["sweep", str(study)]) == 0
-    assert time.monotonic() - begin < 5
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "words"),
-    [
-        ("repeats", "repeat", "unknown 'repeat'"),
-        ('"sphere"', '"cone"', "light.small: unknown kind 'cone'"),
-        ("radius = 0.3", "diameter = 0.3", "light.fixed: .*'radius'"),
-        ("samples = [4, 16]", "sample = 4", "method ray_traced: unknown 'sample'"),
-        ('path = "box.ply"', "", "scene.box: expected a path or a factory"),
-        ("[24, 16]", "24", "size: expected"),
-        ("workers = 0", "workers = -1", "workers: expected"),
-        ("[scene.plane]", "[scene.plane", "study.toml"),
-    ],
-)
-def test_mistakes_in_a_study_are_one_line(study, capsys, before, after, words):
-    study.write_text(STUDY.replace(before, after, 1))
-    assert cli.main(["sweep", str(study)]) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
-    assert re.match(rf"error: .*{words}", err), err
-    assert not (study.parent / "study.parquet").exists()
-
-
-def test_the_first_program_of_the_documentation_runs(tmp_path, monkeypatch):
-    page = (HERE.parent / "docs" / "sweeps.md").read_text()
-    program = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)[0]
-    small = {"small": lambda its: ss.Camera(its.camera.eye, (0, 0, 0), **SIZE)}
-    grid, sweep = ss.grid, ss.sweep
-    monkeypatch.setattr(ss, "grid", lambda **axes: grid(**axes, camera=small))
-    monkeypatch.setattr(ss, "sweep", lambda *a, **k: sweep(*a, **k, reference=QUICK, repeats=1))
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    exec(program, names)
-    assert names["table"]["error"].isna().all()
-    assert len(names["table"]) == 16
-
-
-def test_the_study_of_the_documentation_is_one(tmp_path):
-    page = (HERE.parent / "docs" / "sweeps.md").read_text()
-    (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.M | re.S)
-    (tmp_path / "study.toml").write_text(text)
-    found = read_study(tmp_path / "study.toml")
-    assert len(found.cases) == 2 * 2 * 1 * 4
-    assert found.options["reference"] == REFERENCE
-
-
-def _many(study, workers):
-    """A study of hundreds of cases, and the process that begins to sweep it."""
-    many = STUDY.replace("[0, 1]", str(list(range(40))))
-    study.write_text(many.replace("workers = 0", f"workers = {workers}"))
-    return subprocess.Popen(
-        [sys.executable, "-m", "softshadow", "sweep", str(study)],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-
-
-def _await_parts(process, store, count):
-    while process.poll() is None and len(list(store.glob("part-*"))) < count:
-        time.sleep(0.01)
-    assert process.poll() is None
-
-
-def _alive(group):
-    """The processes of a group, without those that have ended and wait for their parent."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, its = path.read_text().rpartition(")")[2].split()[:3]
-        except OSError:  # gone meanwhile
-            continue
-        if int(its) == group and state != "Z":
-            found.append(int(path.parent.name))
-    return found
-
-
-@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="there is no /proc here")
-def test_workers_end_with_a_command_that_is_killed(study):
-    process = _many(study, workers=1)
-    _await_parts(process, study.parent / "study.parquet", 3)
-    process.kill()
-    process.communicate(timeout=30)
-    deadline = time.monotonic() + 20
-    while left := _alive(process.pid):
-        if time.monotonic() > deadline:
-            os.killpg(process.pid, signal.SIGKILL)
-            pytest.fail(f"{left} stayed")
-        time.sleep(0.05)
-
-
-@pytest.mark.parametrize("workers", [0, 1])
-def test_ctrl_c_leaves_a_store_that_goes_on(study, workers):
-    store = study.parent / "study.parquet"
-    before: dict[Path, int] = {}
-    for _ in range(2):
-        wanted = len(before) + 5
-        process = _many(study, workers)
-        _await_parts(process, store, wanted)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-        _, err = process.communicate(timeout=30)
-        assert process.returncode == 130, err
-        assert f"interrupted; the same command goes on with {store}" in err
-        assert "Traceback" not in err
-        now = {p: p.stat().st_mtime_ns for p in store.glob("part-*")}
-        assert wanted <= len(now) < 324
-        assert before.items() <= now.items()  # what was done is as it was
-        assert len(pd.read_parquet(store)) == len(now)
-        before = now
