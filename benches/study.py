@@ -2,8 +2,8 @@
 
     python benches/study.py [--short] [--from-table] [--output FOLDER]
 
-measures what ``study.toml`` says, in half an hour on two cores that do nothing else (a run that was
-ended goes on where it was), and writes
+measures what ``study.toml`` says, in three quarters of an hour on two cores that do nothing else
+(a run that was ended goes on where it was), and writes
 
 - ``benches/study.parquet``, the table, a row a case;
 - ``docs/study.html``, the page about it, and ``docs/study.png``, the fronts by kinds of scenes;
