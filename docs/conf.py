@@ -111,6 +111,7 @@ def links_within(text: str) -> str:
     text = re.sub(rf"{REPOSITORY}/(?:blob|tree)/main/", "/", text)
     text = text.replace("https://raw.githubusercontent.com/softshadow/softshadow/main/", "/")
     text = re.sub(r"\]\((\S*docs/(?:methods|how_to|development))\)", r"](\1/README.md)", text)
+    text = text.replace("](/notebooks)", "](/docs/notebooks.md)")
     return re.sub(r"\]\((?:\.\./)+README\.md", "](/docs/overview.md", text)
 
 

@@ -200,7 +200,7 @@ class Bake(Sequence[BakedTexture]):
     ) -> None:
         """Write all textures with the triangles that they lie on as a binary glTF 2.0 file.
 
-        Viewers, game engines and `trimesh` open it. Each texture becomes a mesh with a material,
+        Viewers, game engines and ``trimesh`` open it. Each texture becomes a mesh with a material,
         ``<receiver>_<number>``, whose base colour is the radiance, sRGB-encoded in eight bits, and
         to which viewers add no light (KHR_materials_unlit). Triangles of planar receivers are wound
         so that they are seen from the side that was baked; casters that were not baked are not in

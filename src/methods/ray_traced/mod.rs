@@ -17,8 +17,8 @@
 //! one segment.
 //!
 //! Where culling does not apply: a light that a triangle cuts or touches, spheres in the shaft, a
-//! sphere light so near that it fills most of the hemisphere, a group with more than [`MOST_EDGES`]
-//! candidate edges (foliage, hair), or more than pay for its samples ([`EDGES_A_SAMPLE`]), and some groups
+//! sphere light so near that it fills most of the hemisphere, a group with more than `MOST_EDGES`
+//! candidate edges (foliage, hair), or more than pay for its samples (`EDGES_A_SAMPLE`), and some groups
 //! after it (`group::Pause`). Then all samples are traced.
 
 mod grid;
