@@ -12,7 +12,7 @@ import softshadow as ss
 from imageio.v3 import imread
 from matplotlib.figure import Figure
 from softshadow import images, plot
-from softshadow.figure import MOST_BYTES, _with_palette
+from softshadow.figure import MOST_BYTES, with_palette
 from softshadow.plot import styles
 from softshadow.render import Image
 
@@ -139,7 +139,7 @@ def test_a_palette_keeps_rare_colours():
     rng = np.random.default_rng(0)
     figure = plot.compare(rng.random((300, 300)), rng.random((300, 300)))
     png = figure._drawn(figure.dpi)
-    whole, few = (imread(io.BytesIO(p), mode="RGB").astype(int) for p in (png, _with_palette(png)))
+    whole, few = (imread(io.BytesIO(p), mode="RGB").astype(int) for p in (png, with_palette(png)))
     assert np.abs(few - whole).max() < 16
 
 
