@@ -144,6 +144,7 @@ impl Prepared for PreparedRayTraced {
                         self.shade_neighbours(receivers, &mut ids, light, scratch, &mut put);
                     scratch.pause.searched(too_many);
                 } else {
+                    scratch.set_origins(receivers, &ids);
                     self.shade_each(receivers, &ids, light, false, scratch, &mut put);
                 }
                 Ok(())
@@ -268,7 +269,8 @@ impl PreparedRayTraced {
         !known && found != SearchResult::NotHere
     }
 
-    /// Shades receivers one by one; `known`: the group holds the edges that they must heed.
+    /// Shades receivers, whose rays' origins are at hand, one by one; `known`: the group holds the edges that
+    /// they must heed.
     fn shade_each(
         &self,
         receivers: &Receivers,
@@ -278,7 +280,6 @@ impl PreparedRayTraced {
         s: &mut Scratch,
         put: &mut impl FnMut(usize, [f32; 2]),
     ) {
-        s.set_origins(receivers, ids);
         let occluders = self.geometry.occluders();
         // One segment can stand for a receiver's sums only where it is all or nothing: otherwise they
         // must be made sample by sample, to give the same bits as without culling.
