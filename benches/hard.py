@@ -21,6 +21,7 @@ import softshadow as ss
 from softshadow.plot.pictures import draw_picture, own_figure
 from softshadow.scenes.hard_cases.case import MARGIN, RIGHT, ROUNDING
 from softshadow.scenes.hard_cases.excuses import POINTS
+from tables import fill
 
 ROOT = Path(__file__).parents[1]
 MEASURED = ROOT / "python/softshadow/scenes/hard_cases/measured.csv"
@@ -128,10 +129,7 @@ def gallery() -> str:
 
 def docs() -> None:
     """Write the page's tables and its contact sheet."""
-    text = PAGE.read_text(encoding="utf-8")
-    head, rest = text.split(BEGIN)
-    tail = rest.split(END)[1]
-    PAGE.write_text(f"{head}{BEGIN}\n\n{gallery()}\n\n{END}{tail}", encoding="utf-8")
+    fill(PAGE, BEGIN, END, gallery())
     across = 7
     down = -(-len(ss.scenes.hard) // across)
     figure = own_figure((1.75 * across, 1.6 * down))

@@ -29,9 +29,11 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import softshadow as ss
+from softshadow.renderers import rendered, resolve_measurable
 from softshadow.sweep import Case, pools
 from softshadow.sweep.cases import made, resolved
 from softshadow.sweep.study import Study, read_study, resized
+from tables import fill
 
 HERE = Path(__file__).parent
 DOCS = HERE.parent / "docs"
@@ -55,6 +57,8 @@ SHOWN = (("fork", "sphere"), ("bunny", "medium"), ("tree", "medium"))
 
 SETTING = ["scene", "light"]
 
+BEGIN, END = "<!-- measured: python benches/study.py -->", "<!-- end -->"
+
 MITSUBA = "mitsuba"
 """What its names begin with."""
 
@@ -71,7 +75,7 @@ def shortened(study: Study) -> list[Case]:
     """Return a few small cases: two scenes, a light, the first setting of each method, coarse."""
     first: dict[str, Any] = {}
     for case in study.cases:
-        first.setdefault(case.method.name, case.method)  # type: ignore[union-attr]  # resolved
+        first.setdefault(resolve_measurable(case.method).name, case.method)
     camera = partial(resized, size=(64, 64))
     return [
         replace(case, camera=camera, method=_coarse(case.method))
@@ -302,7 +306,7 @@ def pictures(study: Study, cases: Sequence[Case]) -> dict[str, dict[str, npt.Arr
     found: dict[str, dict[str, npt.ArrayLike]] = {}
     for scene, light in SHOWN:
         some = [c for c in cases if (c.scene_name, c.light_name) == (scene, light)]
-        chosen = {c.method.name: c for c in some if not c.left_out}  # type: ignore[union-attr]
+        chosen = {resolve_measurable(c.method).name: c for c in some if not c.left_out}
         if not chosen:
             continue
         its = made(next(iter(chosen.values())).scene)
@@ -312,11 +316,8 @@ def pictures(study: Study, cases: Sequence[Case]) -> dict[str, dict[str, npt.Arr
             if "reference" not in images:
                 truth = ss.render(its.scene, camera, lit_by, ss.RayTraced(samples=1024, seed=1))
                 images["reference"] = truth.visibility
-            if isinstance(case.method, ss.Method):
-                shown = ss.render(its.scene, camera, lit_by, case.method).visibility
-            else:
-                shown = case.method.render(its.scene, camera, lit_by).visibility  # type: ignore[union-attr]
-            images[case.label] = shown
+            method = resolve_measurable(case.method)
+            images[case.label] = rendered(method, its.scene, camera, lit_by).visibility
         found[f"{scene}, {light}"] = images
     return found
 
@@ -326,14 +327,6 @@ def figure(table: pd.DataFrame, path: Path) -> None:
     rows = means(table, kinds=True)
     drawn = ss.plot.pareto(rows, y="rmse")
     drawn.savefig(path, dpi=110)
-
-
-def fill(page: Path, text: str) -> None:
-    """Put the tables between the page's marks."""
-    start, end = "<!-- measured: python benches/study.py -->\n", "<!-- end -->\n"
-    before, _, rest = page.read_text(encoding="utf-8").partition(start)
-    _, _, after = rest.partition(end)
-    page.write_text(f"{before}{start}\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def main() -> None:
@@ -361,7 +354,7 @@ def main() -> None:
         table.to_parquet(parquet, compression="zstd")
     table = pd.read_parquet(parquet)
     text = tables(table)
-    fill(docs / "study.md", FIGURE + text)
+    fill(docs / "study.md", BEGIN, END, FIGURE + text)
     figure(table, docs / "study.png")
     title = "The study: speed against error"
     commands = ["python benches/study.py"]

@@ -87,3 +87,10 @@ def against_reference(
                 "mae all": float(np.abs(everywhere[reference.mask]).mean()),
                 "ms": 1e3 * image.seconds["shade"],
             }
+
+
+def fill(page: Path, begin: str, end: str, text: str) -> None:
+    """Put a text between two marks of a page, each of which it has once."""
+    head, rest = page.read_text(encoding="utf-8").split(begin)
+    _, tail = rest.split(end)
+    page.write_text(f"{head}{begin}\n\n{text.strip()}\n\n{end}{tail}", encoding="utf-8")

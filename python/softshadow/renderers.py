@@ -12,9 +12,10 @@ from softshadow import checks
 from softshadow.camera import Camera
 from softshadow.light import LightLike
 from softshadow.methods import Method, resolve
+from softshadow.render import Image, render
 from softshadow.scene import Scene
 
-__all__ = ["Measurable", "Rendered", "Renderer", "resolve_measurable"]
+__all__ = ["Measurable", "Rendered", "Renderer", "rendered", "resolve_measurable"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,3 +81,21 @@ def resolve_measurable(thing: str | Measurable) -> Measurable:
         return thing
     got = checks.shown(thing)
     raise TypeError(f"method: expected a name, a method object or a renderer, got {got}")
+
+
+def rendered(thing: Measurable, scene: Scene, camera: Camera, light: LightLike) -> Image | Rendered:
+    """Prepare and render once, by a method or by a renderer.
+
+    Parameters
+    ----------
+    thing : Method or Renderer
+    scene, camera, light
+        As of `softshadow.render`.
+
+    Returns
+    -------
+    Image or Rendered
+    """
+    if isinstance(thing, Method):
+        return render(scene, camera, light, thing)
+    return thing.render(scene, camera, light)

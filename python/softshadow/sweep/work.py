@@ -30,8 +30,7 @@ from softshadow.entries import Mesh, Spheres
 from softshadow.light import LightLike
 from softshadow.machine import processor
 from softshadow.methods import Method
-from softshadow.render import Image, prepare
-from softshadow.renderers import Measurable, Rendered
+from softshadow.renderers import Measurable, rendered
 from softshadow.scene import scene_of
 
 __all__ = ["Entries", "Outcome", "Task", "machine", "machine_to_itself", "run"]
@@ -159,7 +158,7 @@ def _rendered(task: Task, entries: Entries) -> Outcome:
     """Prepare and render a fresh scene for each method, as `compare` does."""
     pictures = []
     for method in task.methods:
-        image = _image(task, method, entries)
+        image = rendered(method, scene_of(entries), task.camera, task.light)
         pictures.append(image.visibility)
     return Outcome(
         seconds=image.seconds,
@@ -168,12 +167,6 @@ def _rendered(task: Task, entries: Entries) -> Outcome:
         mask=image.mask if task.pictures else None,
         **_where(method),
     )
-
-
-def _image(task: Task, method: Measurable, entries: Entries) -> Image | Rendered:
-    if isinstance(method, Method):
-        return prepare(scene_of(entries), task.light, method).render(task.camera)
-    return method.render(scene_of(entries), task.camera, task.light)
 
 
 def _where(method: Measurable | None = None) -> dict[str, Any]:
