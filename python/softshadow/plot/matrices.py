@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from softshadow import fronts
-from softshadow.compare import Comparison
 from softshadow.plot.pictures import own_figure
+from softshadow.plot.studies import rows_of
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from softshadow.compare import Comparison
 
 __all__ = ["matrix"]
 
@@ -62,7 +64,7 @@ def matrix(
     >>> [text.get_text() for text in ss.plot.matrix(table).axes[0].texts]
     ['0.2', '0.1', '0.4']
     """
-    rows = table.table if isinstance(table, Comparison) else table
+    rows = rows_of(table)
     for name in (x, y):
         fronts.check_column(rows, name)
     numbers = fronts.numbers(rows, values)

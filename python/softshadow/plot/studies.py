@@ -83,7 +83,7 @@ def pareto(
     >>> ss.plot.pareto(result).axes[0].get_xscale()
     'log'
     """
-    rows = _table(table)
+    rows = rows_of(table)
     on = fronts.front(rows, x, y)
     times, errors = fronts.badness(rows, x), fronts.badness(rows, y)
     drawn = np.isfinite(times) & np.isfinite(errors) & (times > 0) & (errors > 0)
@@ -165,7 +165,7 @@ def versus(
     >>> ss.plot.versus(table, "light radius").axes[0].get_xlabel()
     'light radius'
     """
-    rows = _table(table)
+    rows = rows_of(table)
     for name in (by, x) if x != "total_seconds" else (by,):
         fronts.check_column(rows, name)
     heights = fronts.numbers(rows, y)
@@ -203,7 +203,8 @@ def versus(
     return figure
 
 
-def _table(table: pd.DataFrame | Comparison) -> pd.DataFrame:
+def rows_of(table: pd.DataFrame | Comparison) -> pd.DataFrame:
+    """Return the table of a comparison, or a table as it is."""
     rows = table.table if isinstance(table, Comparison) else table
     if not hasattr(rows, "columns"):
         got = type(table).__name__
