@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks
-from softshadow.arguments import RGB, Triple, as_rgb
+from softshadow.arguments import RGB, Triple, as_faces, as_rgb
+from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
 
 if TYPE_CHECKING:
+    import trimesh
     from typing_extensions import Self
 
 __all__ = [
@@ -20,14 +24,21 @@ __all__ = [
     "Curves",
     "Look",
     "Mesh",
+    "MeshLike",
     "Spheres",
     "as_look",
     "as_vertices",
     "bounds_of",
     "curve_arrays",
     "kind_of",
+    "mesh_arrays",
     "sphere_arrays",
 ]
+
+MeshLike: TypeAlias = (
+    "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
+)
+"""What `Scene.add` takes."""
 
 SIDES = (3, 64)
 """Flat sides that a curve's tube may have."""
@@ -176,6 +187,30 @@ def as_vertices(vertices: npt.ArrayLike, what: str = "mesh") -> npt.NDArray[np.f
     if v.ndim != 2 or v.shape[1] != 3:
         raise ValueError(f"{what}: expected vertices of shape (V, 3), got {v.shape}")
     return v
+
+
+def mesh_arrays(
+    mesh: MeshLike, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Return contiguous, private copies of a mesh's vertices and faces."""
+    if isinstance(mesh, (str, PathLike)):
+        try:
+            return mesh_arrays(read(Path(mesh), max_bytes, max_corners))
+        except ValueError as error:
+            if str(error).startswith(str(mesh)):
+                raise
+            raise ValueError(f"{mesh}: {error}") from None
+    if (arrays := from_trimesh(mesh)) is not None:
+        vertices, faces = arrays
+    elif isinstance(mesh, tuple) and len(mesh) == 2:
+        vertices, faces = mesh
+    else:
+        raise TypeError(
+            "mesh: expected trimesh.Trimesh, trimesh.Scene, a path or a pair "
+            f"(vertices, faces), got {type(mesh).__name__}"
+        )
+    v = as_vertices(vertices)
+    return v, as_faces(faces, "mesh: faces", len(v))
 
 
 def sphere_arrays(

@@ -6,36 +6,30 @@ from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from softshadow import _core, checks
-from softshadow.arguments import RGB, as_faces
+from softshadow.arguments import RGB
 from softshadow.entries import (
     SIDES,
     Curves,
     Mesh,
+    MeshLike,
     Spheres,
     as_look,
     as_vertices,
     bounds_of,
     curve_arrays,
     kind_of,
+    mesh_arrays,
     sphere_arrays,
 )
-from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
+from softshadow.reading import MAX_BYTES, MAX_CORNERS
 
-if TYPE_CHECKING:
-    import trimesh
-
-MeshLike: TypeAlias = (
-    "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
-)
-"""What `Scene.add` takes."""
-
-__all__ = ["MeshLike", "Scene", "mesh_of", "scene_of"]
+__all__ = ["Scene", "mesh_of", "scene_of"]
 
 
 class Scene:
@@ -207,7 +201,7 @@ class Scene:
             checks.integer(max_bytes, "max_bytes", 1, 2**63 - 1),
             checks.integer(max_corners, "max_corners", 3, 2**63 - 1),
         )
-        vertices, faces = _arrays(mesh, *limits)
+        vertices, faces = mesh_arrays(mesh, *limits)
         base = self._new_name(name, Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
         look = as_look(f"mesh {base!r}", albedo, opacity, casts, receives)
         self._core.add_mesh(base, vertices, faces, *look)
@@ -575,27 +569,3 @@ def scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
         if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):
             scene.set_transform(e.name, e.transform)
     return scene
-
-
-def _arrays(
-    mesh: MeshLike, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Return contiguous, private copies of a mesh's vertices and faces."""
-    if isinstance(mesh, (str, PathLike)):
-        try:
-            return _arrays(read(Path(mesh), max_bytes, max_corners))
-        except ValueError as error:
-            if str(error).startswith(str(mesh)):
-                raise
-            raise ValueError(f"{mesh}: {error}") from None
-    if (arrays := from_trimesh(mesh)) is not None:
-        vertices, faces = arrays
-    elif isinstance(mesh, tuple) and len(mesh) == 2:
-        vertices, faces = mesh
-    else:
-        raise TypeError(
-            "mesh: expected trimesh.Trimesh, trimesh.Scene, a path or a pair "
-            f"(vertices, faces), got {type(mesh).__name__}"
-        )
-    v = as_vertices(vertices)
-    return v, as_faces(faces, "mesh: faces", len(v))
