@@ -82,13 +82,13 @@ def figure(
     """
     import matplotlib
 
+    from softshadow.figure import with_palette
+
     buffer = BytesIO()
     # Text stays text; names in the file are the same in every run, and there is no date.
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "softshadow"}):
         metadata = {"Date": None} if kind == "svg" else {}
         drawn.savefig(buffer, format=kind.rstrip("8"), dpi=dpi, metadata=metadata)
-    from softshadow.figure import with_palette
-
     data = with_palette(buffer.getvalue()) if kind == "png8" else buffer.getvalue()
     mime = "image/svg+xml" if kind == "svg" else "image/png"
     tag = image(data, caption, mime)
