@@ -19,6 +19,7 @@
 //! - [`methods`]: each in a file or folder of its own;
 //! - [`render`]: from visibility to radiance. The `python` feature adds the bindings.
 
+pub mod adaptive;
 pub mod bvh;
 pub mod camera;
 pub mod casters;

@@ -17,9 +17,18 @@ use crate::scene::snapshot::Snapshot;
 pub struct Shading {
     /// Fraction of the light that is seen, 0 to 1.
     pub visibility: Vec<f32>,
-    /// Irradiance at radiance 1, where the method weights its own samples; otherwise it is the
-    /// unshadowed irradiance times visibility over `h`.
-    pub irradiance: Option<Vec<f32>>,
+    /// Where the method weights its own samples; otherwise it is the unshadowed irradiance times visibility over the
+    /// part of the light above the tangent plane.
+    pub irradiance: Option<Irradiance>,
+}
+
+/// What a method finds of the light that arrives.
+#[derive(Debug, Clone)]
+pub enum Irradiance {
+    /// Irradiance at radiance 1.
+    Whole(Vec<f32>),
+    /// Part of the unshadowed irradiance.
+    Part(Vec<f32>),
 }
 
 /// How the shadows of different objects combine. [`crate::methods::single_sample`]'s paper takes the darkest,

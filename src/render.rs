@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::geometry::Geometry;
 use crate::light::Light;
-use crate::method::Shading;
+use crate::method::{Irradiance, Shading};
 use crate::receivers::Receivers;
 use crate::receivers::visible::Surface;
 
@@ -37,14 +37,21 @@ pub fn unshadow(
     };
     let chunks = shading.visibility.par_chunks_mut(CHUNK).enumerate();
     chunks.for_each(|chunk| unshadowed(chunk, &|p, n| light.fraction_above(p, n)));
-    if let Some(irradiance) = &mut shading.irradiance {
-        let chunks = irradiance.par_chunks_mut(CHUNK).enumerate();
-        chunks.for_each(|chunk| unshadowed(chunk, &|p, n| light.unshadowed_irradiance(p, n)));
+    match &mut shading.irradiance {
+        None => {}
+        Some(Irradiance::Whole(irradiance)) => {
+            let chunks = irradiance.par_chunks_mut(CHUNK).enumerate();
+            chunks.for_each(|chunk| unshadowed(chunk, &|p, n| light.unshadowed_irradiance(p, n)));
+        }
+        Some(Irradiance::Part(part)) => {
+            let chunks = part.par_chunks_mut(CHUNK).enumerate();
+            chunks.for_each(|chunk| unshadowed(chunk, &|_, _| 1.0));
+        }
     }
 }
 
 /// Irradiance of some receivers from a light (local) of radiance 1: the method's own, or the unshadowed
-/// one times visibility over the part of the light above the tangent plane, found in `out`.
+/// one times the method's part of it or visibility over the part of the light above the tangent plane, found in `out`.
 pub fn irradiance<'a>(
     shading: &'a Shading,
     receivers: &Receivers,
@@ -52,9 +59,11 @@ pub fn irradiance<'a>(
     light: &Light,
     out: &'a mut Vec<f32>,
 ) -> &'a [f32] {
-    if let Some(own) = &shading.irradiance {
-        return &own[range];
-    }
+    let part = match &shading.irradiance {
+        Some(Irradiance::Whole(own)) => return &own[range],
+        Some(Irradiance::Part(part)) => Some(&part[range.clone()]),
+        None => None,
+    };
     out.clear();
     let (positions, normals) = (&receivers.positions, &receivers.normals);
     let visibility = &shading.visibility[range.clone()];
@@ -62,10 +71,12 @@ pub fn irradiance<'a>(
         &positions[range.clone()],
         &normals[range],
         |i, h, irradiance| {
-            out.push(if h > 0.0 && visibility[i] > 0.0 {
-                (irradiance * f64::from(visibility[i]) / h) as f32
-            } else {
-                0.0
+            out.push(match part {
+                Some(part) => (irradiance * f64::from(part[i])) as f32,
+                None if h > 0.0 && visibility[i] > 0.0 => {
+                    (irradiance * f64::from(visibility[i]) / h) as f32
+                }
+                None => 0.0,
             });
         },
     );

@@ -157,11 +157,12 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         cull: true,
     };
     let line = wedges::WedgeFalloff::Planes(wedges::interpolate::PlaneFalloff::Line);
-    let ray_traced = |cull| RayTraced {
+    let ray_traced = |cull, error| RayTraced {
         samples: 64,
         seed: 3,
         fixed: false,
         cull,
+        error,
     };
     let rules = Rules {
         steps: 3,
@@ -171,8 +172,9 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
     };
     vec![
         ("hard", Box::new(Hard)),
-        ("ray_traced", Box::new(ray_traced(true))),
-        ("ray_traced, no culling", Box::new(ray_traced(false))),
+        ("ray_traced", Box::new(ray_traced(true, None))),
+        ("ray_traced, no culling", Box::new(ray_traced(false, None))),
+        ("ray_traced, error", Box::new(ray_traced(true, Some(0.02)))),
         (
             "shadow_volume",
             Box::new(ShadowVolume {

@@ -15,7 +15,7 @@ use super::texture::Texture;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::light::Light;
-use crate::method::{Prepared, Shading};
+use crate::method::{Irradiance, Prepared, Shading};
 use crate::receivers::Receivers;
 
 /// How a method makes a texture.
@@ -178,7 +178,7 @@ impl<P: Painter> Prepared for Pictures<P> {
         let radiance = atlas.layout.radiance;
         Ok(Shading {
             visibility: values.iter().map(|v| v[0]).collect(),
-            irradiance: radiance.then(|| values.iter().map(|v| v[1]).collect()),
+            irradiance: radiance.then(|| Irradiance::Whole(values.iter().map(|v| v[1]).collect())),
         })
     }
 

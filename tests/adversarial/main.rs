@@ -94,6 +94,7 @@ fn shade(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32, cull: b
         seed: 3,
         fixed: false,
         cull,
+        error: None,
     };
     let prepared = method
         .prepare(

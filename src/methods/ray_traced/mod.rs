@@ -21,6 +21,7 @@
 //! candidate edges (foliage, hair), or more than pay for its samples (`EDGES_A_SAMPLE`), and some groups
 //! after it (`group::Pause`). Then all samples are traced.
 
+mod adaptive;
 mod grid;
 mod group;
 mod project;
@@ -35,9 +36,9 @@ use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
 use crate::bvh::packet::Packet;
 use crate::control::Control;
-use crate::error::{Result, in_range};
+use crate::error::{Error, Result, in_range};
 use crate::light::Light;
-use crate::method::{Method, Prepared, Shading};
+use crate::method::{Irradiance, Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
@@ -53,7 +54,7 @@ const MOST_EDGES: usize = 1024;
 const EDGES_A_SAMPLE: usize = 8;
 
 /// Parameters of the reference.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayTraced {
     /// Light samples a receiver.
     pub samples: u32,
@@ -63,6 +64,8 @@ pub struct RayTraced {
     pub fixed: bool,
     /// Whether to trace only what the silhouettes leave open.
     pub cull: bool,
+    /// Root mean square error of visibility at which sampling ends; otherwise every receiver has all samples.
+    pub error: Option<f64>,
 }
 
 impl RayTraced {
@@ -72,6 +75,13 @@ impl RayTraced {
     /// What is out of its range.
     pub fn checked(self) -> Result<Self> {
         in_range("RayTraced", "samples", self.samples, 1..=MOST_SAMPLES)?;
+        if let Some(error) = self.error {
+            in_range("RayTraced", "error", error, adaptive::LEAST_ERROR..=1.0)?;
+            if self.fixed {
+                let reason = "\"fixed\" light points have errors that neighbours share; an error needs \"per_receiver\"";
+                return Err(Error::parameter("RayTraced.pattern", reason));
+            }
+        }
         Ok(self)
     }
 }
@@ -90,7 +100,7 @@ impl Method for RayTraced {
         control.check()?;
         let occluders = geometry.occluders();
         control.check()?;
-        let pattern = Pattern::new(self.samples as usize, self.seed);
+        let steps = adaptive::patterns(self);
         let lights = lights
             .iter()
             .map(|light| {
@@ -101,20 +111,24 @@ impl Method for RayTraced {
                         .transparent
                         .as_ref()
                         .is_some_and(|(bvh, _)| touches(bvh));
-                let sampler = Sampler::new(*light, pattern.clone(), self.fixed);
-                PreparedLight {
-                    sampler,
+                let step = |pattern: &Pattern| PreparedLight {
+                    sampler: Sampler::new(*light, pattern.clone(), self.fixed),
                     cull: self.cull && !cut,
-                }
+                };
+                steps.iter().map(step).collect()
             })
-            .collect::<Vec<_>>();
-        if lights.iter().any(|l| l.cull) {
+            .collect::<Vec<Vec<_>>>();
+        if lights.iter().flatten().any(|l| l.cull) {
             occluders.opaque.outline(&geometry);
             if let Some((bvh, _)) = &occluders.transparent {
                 bvh.outline(&geometry);
             }
         }
-        Ok(Box::new(PreparedRayTraced { geometry, lights }))
+        Ok(Box::new(PreparedRayTraced {
+            geometry,
+            lights,
+            error: self.error,
+        }))
     }
 }
 
@@ -125,12 +139,17 @@ struct PreparedLight {
 
 struct PreparedRayTraced {
     geometry: Arc<Snapshot>,
-    lights: Vec<PreparedLight>,
+    /// Each light, with the samples of every step.
+    lights: Vec<Vec<PreparedLight>>,
+    error: Option<f64>,
 }
 
 impl Prepared for PreparedRayTraced {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
-        let light = &self.lights[light];
+        if let Some(error) = self.error {
+            return self.shade_within(error, receivers, &self.lights[light], control);
+        }
+        let light = &self.lights[light][0];
         let both = receivers.by_groups(
             control,
             [0.0; 2],
@@ -138,21 +157,14 @@ impl Prepared for PreparedRayTraced {
             |scratch, range, out| {
                 let first = range.start;
                 let mut ids: Vec<usize> = range.collect();
-                let mut put = |i: usize, value| out[i - first] = value;
-                if light.cull && scratch.pause.is_over() {
-                    let too_many =
-                        self.shade_neighbours(receivers, &mut ids, light, scratch, &mut put);
-                    scratch.pause.searched(too_many);
-                } else {
-                    scratch.set_origins(receivers, &ids);
-                    self.shade_each(receivers, &ids, light, false, scratch, &mut put);
-                }
+                let mut put = |i: usize, answer: Answer| out[i - first] = answer.sums;
+                self.shade_group(receivers, &mut ids, light, scratch, &mut put);
                 Ok(())
             },
         )?;
         Ok(Shading {
             visibility: both.iter().map(|v| v[0]).collect(),
-            irradiance: Some(both.iter().map(|v| v[1]).collect()),
+            irradiance: Some(Irradiance::Whole(both.iter().map(|v| v[1]).collect())),
         })
     }
 
@@ -180,16 +192,33 @@ struct Scratch {
     sources: Vec<[u32; LANES]>,
 }
 
+/// What a receiver's samples tell.
+#[derive(Debug, Clone, Copy, Default)]
+struct Answer {
+    /// Visibility and irradiance.
+    sums: [f32; 2],
+    /// Visibility by the first half of the samples.
+    early: f32,
+    /// Irradiance if all valid samples were seen.
+    unshadowed: f32,
+    /// Whether all of the light that is above the tangent plane is seen alike.
+    whole: bool,
+}
+
 /// A receiver that waits for its segments.
 enum Pending {
-    /// One segment decides between these sums and nothing.
+    /// One segment decides between this and nothing.
     Whole {
         receiver: usize,
         segment: u32,
-        sums: [f32; 2],
+        seen: Answer,
     },
     /// Every sample has a segment, from this row on.
-    Parts { receiver: usize, row: usize },
+    Parts {
+        receiver: usize,
+        row: usize,
+        whole: bool,
+    },
 }
 
 /// Marks a sample that is not valid and has no segment.
@@ -243,6 +272,24 @@ impl Tracer {
 }
 
 impl PreparedRayTraced {
+    /// Shades receivers that are neighbours, with culling where it applies and may pay.
+    fn shade_group(
+        &self,
+        receivers: &Receivers,
+        ids: &mut [usize],
+        light: &PreparedLight,
+        s: &mut Scratch,
+        put: &mut impl FnMut(usize, Answer),
+    ) {
+        if light.cull && s.pause.is_over() {
+            let too_many = self.shade_neighbours(receivers, ids, light, s, put);
+            s.pause.searched(too_many);
+        } else {
+            s.set_origins(receivers, ids);
+            self.shade_each(receivers, ids, light, false, s, put);
+        }
+    }
+
     /// Shades receivers that share their candidate edges; halves them where there are too many. Returns whether
     /// there still were for some.
     fn shade_neighbours(
@@ -251,7 +298,7 @@ impl PreparedRayTraced {
         ids: &mut [usize],
         light: &PreparedLight,
         s: &mut Scratch,
-        put: &mut impl FnMut(usize, [f32; 2]),
+        put: &mut impl FnMut(usize, Answer),
     ) -> bool {
         s.set_origins(receivers, ids);
         let found = s.group.collect(&self.geometry, &light.sampler, &s.origins);
@@ -278,7 +325,7 @@ impl PreparedRayTraced {
         light: &PreparedLight,
         known: bool,
         s: &mut Scratch,
-        put: &mut impl FnMut(usize, [f32; 2]),
+        put: &mut impl FnMut(usize, Answer),
     ) {
         let occluders = self.geometry.occluders();
         // One segment can stand for a receiver's sums only where it is all or nothing: otherwise they
@@ -291,7 +338,7 @@ impl PreparedRayTraced {
             let (p, n) = (s.origins[k].as_dvec3(), receivers.normals[i]);
             light.sampler.fill(receivers.index[i], p, n, &mut s.samples);
             if s.samples.valid.iter().all(|&v| v == 0) {
-                put(i, [0.0; 2]);
+                put(i, Answer::default());
                 continue;
             }
             let seen = if known {
@@ -303,11 +350,10 @@ impl PreparedRayTraced {
                 EdgeCells::NoEdge if binary => {
                     // Any light point will do; the same for neighbours keeps their segments together.
                     let segment = s.tracer.add(k, MIDDLE, light.sampler.middle(p));
-                    let sums = sums_of_valid(&s.samples);
                     s.pending.push(Pending::Whole {
                         receiver: i,
                         segment,
-                        sums,
+                        seen: Answer::of_valid(&s.samples),
                     });
                 }
                 EdgeCells::NoEdge | EdgeCells::Edges(_) => {
@@ -320,6 +366,7 @@ impl PreparedRayTraced {
                     s.pending.push(Pending::Parts {
                         receiver: i,
                         row: s.weights.len(),
+                        whole: matches!(seen, EdgeCells::NoEdge),
                     });
                     s.share_segments(k);
                 }
@@ -333,12 +380,16 @@ impl PreparedRayTraced {
                 Pending::Whole {
                     receiver,
                     segment,
-                    sums,
+                    seen,
                 } => {
                     let hidden = s.tracer.through[segment as usize] == 0.0;
-                    put(receiver, if hidden { [0.0; 2] } else { sums });
+                    put(receiver, if hidden { seen.hidden() } else { seen });
                 }
-                Pending::Parts { receiver, row } => {
+                Pending::Parts {
+                    receiver,
+                    row,
+                    whole,
+                } => {
                     s.through.clear();
                     s.through
                         .extend(s.sources[row..row + rows].iter().map(|sources| {
@@ -346,7 +397,8 @@ impl PreparedRayTraced {
                             Row(sources.map(|x| through.get(x as usize).copied().unwrap_or(0.0)))
                         }));
                     let weights = &s.weights[row..row + rows];
-                    put(receiver, sums(weights, &s.through, s.samples.count));
+                    let answer = Answer::new(weights, &s.through, s.samples.count);
+                    put(receiver, Answer { whole, ..answer });
                 }
             }
         }
@@ -382,7 +434,7 @@ impl Scratch {
     }
 
     /// Traces every sample of the receiver at hand.
-    fn trace_all(&mut self, occluders: &Occluders, origin: Vec3) -> [f32; 2] {
+    fn trace_all(&mut self, occluders: &Occluders, origin: Vec3) -> Answer {
         let samples = &self.samples;
         self.through.clear();
         for (r, &valid) in samples.valid.iter().enumerate() {
@@ -396,7 +448,7 @@ impl Scratch {
             occluders.transmittance(packet, valid, stack, &mut through.0);
             self.through.push(through);
         }
-        sums(&samples.weights, &self.through, samples.count)
+        Answer::new(&samples.weights, &self.through, samples.count)
     }
 }
 
@@ -408,32 +460,60 @@ fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Visibility and irradiance from each sample's transmittance.
-///
-/// Sixteen partial sums in `f32`, then one in order: the same operations whatever was culled.
-fn sums(weights: &[Row], through: &[Row], count: usize) -> [f32; 2] {
-    let (mut seen, mut light) = (Row::default(), Row::default());
-    for (w, t) in weights.iter().zip(through) {
-        for lane in 0..LANES {
-            seen.0[lane] += t.0[lane];
-            light.0[lane] += w.0[lane] * t.0[lane];
+impl Answer {
+    /// From each sample's transmittance.
+    ///
+    /// Sixteen partial sums in `f32`, then one in order: the same operations whatever was culled.
+    fn new(weights: &[Row], through: &[Row], count: usize) -> Self {
+        let (mut seen, mut light) = (Row::default(), Row::default());
+        let (mut early, mut all) = (Row::default(), Row::default());
+        for (r, (w, t)) in weights.iter().zip(through).enumerate() {
+            for lane in 0..LANES {
+                seen.0[lane] += t.0[lane];
+                light.0[lane] += w.0[lane] * t.0[lane];
+                all.0[lane] += w.0[lane];
+            }
+            let half = (count / 2).saturating_sub(r * LANES).min(LANES);
+            for (early, t) in early.0.iter_mut().zip(&t.0[..half]) {
+                *early += t;
+            }
+        }
+        Answer {
+            sums: [(total(seen) / count as f32).min(1.0), total(light)],
+            early: (total(early) / (count / 2).max(1) as f32).min(1.0),
+            unshadowed: total(all),
+            whole: false,
         }
     }
-    let total = |row: Row| row.0.iter().sum::<f32>();
-    [(total(seen) / count as f32).min(1.0), total(light)]
+
+    /// [`Answer::new`] with every valid sample seen, to the bit: counts are exact, and so is a product with 1.
+    fn of_valid(samples: &LightSamples) -> Self {
+        let mut light = Row::default();
+        for weights in &samples.weights {
+            for lane in 0..LANES {
+                light.0[lane] += weights.0[lane];
+            }
+        }
+        let seen: u32 = samples.valid.iter().map(|v| v.count_ones()).sum();
+        let seen = (seen as f32 / samples.count as f32).min(1.0);
+        Answer {
+            sums: [seen, total(light)],
+            early: seen,
+            unshadowed: total(light),
+            whole: true,
+        }
+    }
+
+    /// The same receiver with every sample blocked.
+    fn hidden(self) -> Self {
+        Answer {
+            sums: [0.0; 2],
+            early: 0.0,
+            ..self
+        }
+    }
 }
 
-/// [`sums`] with every valid sample seen, to the bit: counts are exact, and so is a product with 1.
-fn sums_of_valid(samples: &LightSamples) -> [f32; 2] {
-    let mut light = Row::default();
-    for weights in &samples.weights {
-        for lane in 0..LANES {
-            light.0[lane] += weights.0[lane];
-        }
-    }
-    let seen: u32 = samples.valid.iter().map(|v| v.count_ones()).sum();
-    [
-        (seen as f32 / samples.count as f32).min(1.0),
-        light.0.iter().sum(),
-    ]
+fn total(row: Row) -> f32 {
+    row.0.iter().sum()
 }

@@ -14,6 +14,7 @@ pub(super) struct RayTracedParameters {
     seed: u64,
     pattern: String,
     cull: bool,
+    error: Option<f64>,
 }
 
 impl RayTracedParameters {
@@ -26,6 +27,7 @@ impl RayTracedParameters {
             seed: self.seed,
             fixed,
             cull: self.cull,
+            error: self.error,
         }
         .checked()
     }

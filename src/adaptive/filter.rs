@@ -1,0 +1,387 @@
+//! What the samples of neighbours on the same surface tell together.
+//!
+//! Around each pixel, windows of up to [`REACH`] pixels to every side grow while the mean over the larger one is what the
+//! smaller ones let expect (the intersection of confidence intervals of Goldenshluger and Nemirovski 1997): over a
+//! smooth penumbra they grow to the full size, at the edge of a hard shadow not at all. Only neighbours of the same entry of
+//! the scene count, near the receiver's tangent plane and turned alike, and each only together with the one
+//! opposite, so that what changes linearly over the picture stays as it is.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use fearless_simd::dispatch;
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Estimate, part};
+use crate::control::Control;
+use crate::error::Result;
+use crate::geometry::Geometry;
+use crate::raster::nearest::NONE;
+use crate::receivers::{BLOCK, Receivers};
+use crate::simd::detect;
+
+/// Most pixels from a window's middle to its side.
+const REACH: usize = 3;
+
+/// Standard deviations that make a confidence interval. With more, windows that are too large blur what is sharp
+/// before their means tell, with fewer they stay small where nothing is.
+const CONFIDENCE: f32 = 0.7;
+
+/// Squared error of a mean over a window as a multiple of its variance: the largest window whose mean is not yet
+/// seen to be off is off by about half of what its samples vary.
+const BLUR: f32 = 2.0;
+
+/// Least cosine between normals of one surface.
+const ALIKE: f32 = 0.9;
+
+/// Largest part of the distance of two receivers of one surface that is across its tangent plane.
+const ACROSS: f32 = 0.15;
+
+/// Squared error that is left where `n` samples agree, times `n²`.
+const UNSEEN: f32 = 0.05;
+
+/// What is found for a receiver.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Filtered {
+    /// Visibility.
+    pub seen: f32,
+    /// Part of the unshadowed irradiance.
+    pub part: f32,
+    /// Squared error of the visibility that is to be expected.
+    pub error: f32,
+}
+
+/// Pixels of a block's side.
+const SIDE: usize = BLOCK as usize;
+
+/// Pixels of a side of a block with what windows take in around it.
+const WIDE: usize = SIDE + 2 * REACH;
+
+/// Of an entry that no receiver lies on.
+const NOTHING: u32 = NONE - 1;
+
+/// Which receivers are neighbours.
+pub struct Filter<'a> {
+    receivers: &'a Receivers,
+    /// Width and height of the image.
+    size: [usize; 2],
+    /// The receiver of each pixel; none where receivers are a user's own points.
+    pixels: Vec<AtomicU32>,
+    /// The entry of the scene that each receiver lies on.
+    entries: Vec<u32>,
+}
+
+impl<'a> Filter<'a> {
+    /// Finds the neighbours of receivers.
+    pub fn new(geometry: &Geometry, receivers: &'a Receivers) -> Self {
+        let camera = receivers.camera.as_ref();
+        let size = camera.map_or([0, 0], |c| [c.width as usize, c.height as usize]);
+        let mut pixels = Vec::new();
+        pixels.resize_with(size[0] * size[1], || AtomicU32::new(NONE));
+        if camera.is_some() {
+            let set =
+                |(i, &at): (usize, &u32)| pixels[at as usize].store(i as u32, Ordering::Relaxed);
+            receivers.index.par_iter().enumerate().for_each(set);
+        }
+        let entries = receivers.faces.par_iter().with_min_len(1024).map_init(
+            || None,
+            |last, &face| {
+                if face == NONE {
+                    NONE
+                } else {
+                    geometry.mesh_after(last, face).entry
+                }
+            },
+        );
+        Filter {
+            receivers,
+            size,
+            pixels,
+            entries: entries.collect(),
+        }
+    }
+
+    /// What is found for all receivers.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`].
+    pub fn apply(&self, estimates: &[Estimate], control: &Control) -> Result<Vec<Filtered>> {
+        let find = |tile: &mut Box<Tile>, range: std::ops::Range<usize>, out: &mut [Filtered]| {
+            let own = &estimates[range.clone()];
+            if own.iter().all(Estimate::is_exact) {
+                out.iter_mut()
+                    .zip(own)
+                    .for_each(|(out, e)| *out = alone(e, 0.0));
+            } else if self.pixels.is_empty() {
+                let variance = variance_of_points(own);
+                let found = own.iter().map(|e| alone(e, variance));
+                out.iter_mut()
+                    .zip(found)
+                    .for_each(|(out, found)| *out = found);
+            } else {
+                let corner = self.corner(range.start);
+                tile.set(self, estimates, corner);
+                dispatch!(detect(), _simd => tile.find());
+                for (i, out) in range.zip(out) {
+                    let (x, y) = self.place(i);
+                    let at = (y - corner.1) * SIDE + (x - corner.0);
+                    *out = Filtered {
+                        seen: tile.found[0][at],
+                        part: tile.found[1][at],
+                        error: tile.found[2][at],
+                    };
+                }
+            }
+            Ok(())
+        };
+        self.receivers
+            .by_groups(control, Filtered::default(), Box::<Tile>::default, find)
+    }
+
+    /// Column and row of the pixel of receiver `i`.
+    fn place(&self, i: usize) -> (usize, usize) {
+        let at = self.receivers.index[i] as usize;
+        (at % self.size[0], at / self.size[0])
+    }
+
+    /// The first pixel of the block that the pixel of receiver `i` is in.
+    fn corner(&self, i: usize) -> (usize, usize) {
+        let (x, y) = self.place(i);
+        (x / SIDE * SIDE, y / SIDE * SIDE)
+    }
+
+    /// The receiver of a pixel, counted from outside of the image by the reach of windows.
+    fn at(&self, x: usize, y: usize) -> Option<usize> {
+        let (x, y) = (x.checked_sub(REACH)?, y.checked_sub(REACH)?);
+        if x >= self.size[0] || y >= self.size[1] {
+            return None;
+        }
+        let i = self.pixels[y * self.size[0] + x].load(Ordering::Relaxed);
+        (i != NONE).then_some(i as usize)
+    }
+}
+
+/// What a receiver's own samples tell, each of which has this variance.
+fn alone(e: &Estimate, variance: f32) -> Filtered {
+    let samples = e.samples as f32;
+    Filtered {
+        seen: e.seen,
+        part: e.part(),
+        error: if e.is_exact() {
+            0.0
+        } else {
+            variance / samples + unseen(samples)
+        },
+    }
+}
+
+/// Squared error that is left where so many samples agree.
+fn unseen(samples: f32) -> f32 {
+    UNSEEN / (samples * samples)
+}
+
+/// The variance of one sample of points that are neighbours: two halves of four samples agree too often to be
+/// asked alone.
+fn variance_of_points(estimates: &[Estimate]) -> f32 {
+    let open = || estimates.iter().filter(|e| !e.is_exact());
+    let sum: f32 = open().map(|e| e.variance * e.samples as f32).sum();
+    sum / open().count().max(1) as f32
+}
+
+/// A block of pixels and what windows take in around it, a table for each quantity.
+struct Tile {
+    entry: [u32; WIDE * WIDE],
+    position: [[f32; WIDE * WIDE]; 3],
+    normal: [[f32; WIDE * WIDE]; 3],
+    /// What windows add up, see [`Sums`].
+    values: [[f32; WIDE * WIDE]; SUMS],
+    /// Visibility, part of the irradiance and squared error of the block's pixels.
+    found: [[f32; SIDE * SIDE]; 3],
+}
+
+/// How many quantities windows add up, and which is which.
+const SUMS: usize = 5;
+const SEEN: usize = 0;
+const VARIANCE: usize = 1;
+const IRRADIANCE: usize = 2;
+const UNSHADOWED: usize = 3;
+const SAMPLES: usize = 4;
+
+impl Default for Tile {
+    fn default() -> Self {
+        Tile {
+            entry: [NOTHING; WIDE * WIDE],
+            position: [[0.0; WIDE * WIDE]; 3],
+            normal: [[0.0; WIDE * WIDE]; 3],
+            values: [[0.0; WIDE * WIDE]; SUMS],
+            found: [[0.0; SIDE * SIDE]; 3],
+        }
+    }
+}
+
+/// The pixels from a place in a tile's table on.
+#[inline(always)]
+fn row<T>(table: &[T; WIDE * WIDE], at: usize) -> &[T] {
+    &table[at..at + SIDE]
+}
+
+impl Tile {
+    /// Takes the block with this first pixel.
+    fn set(&mut self, filter: &Filter, estimates: &[Estimate], corner: (usize, usize)) {
+        let r = filter.receivers;
+        let mut origin: Option<DVec3> = None;
+        for y in 0..WIDE {
+            for x in 0..WIDE {
+                let at = y * WIDE + x;
+                let Some(i) = filter.at(corner.0 + x, corner.1 + y) else {
+                    self.entry[at] = NOTHING;
+                    self.values.iter_mut().for_each(|table| table[at] = 0.0);
+                    continue;
+                };
+                let e = &estimates[i];
+                self.entry[at] = filter.entries[i];
+                let p = r.positions[i] - *origin.get_or_insert(r.positions[i]);
+                for k in 0..3 {
+                    self.position[k][at] = p[k] as f32;
+                    self.normal[k][at] = r.normals[i][k] as f32;
+                }
+                let samples = e.samples as f32;
+                let values = [e.seen, e.variance, e.irradiance, e.unshadowed, samples];
+                for (table, value) in self.values.iter_mut().zip(values) {
+                    table[at] = value;
+                }
+            }
+        }
+    }
+
+    /// Finds the block's pixels.
+    #[inline(always)]
+    fn find(&mut self) {
+        for y in 0..SIDE {
+            self.find_row(y);
+        }
+    }
+
+    #[inline(always)]
+    fn find_row(&mut self, y: usize) {
+        let middle = (y + REACH) * WIDE + REACH;
+        let mut sums = [[0.0; SIDE]; SUMS];
+        for (sum, values) in sums.iter_mut().zip(&self.values) {
+            sum.copy_from_slice(row(values, middle));
+        }
+        let mut error = [0.0; SIDE];
+        self.errors_alone(middle, &mut error);
+        let (own_samples, own) = (sums[SAMPLES], sums[SEEN]);
+        let (mut seen, mut irradiance, mut unshadowed) = (own, sums[IRRADIANCE], sums[UNSHADOWED]);
+        let (mut low, mut high) = ([0.0; SIDE], [0.0; SIDE]);
+        for x in 0..SIDE {
+            let spread = CONFIDENCE * error[x].sqrt();
+            (low[x], high[x]) = (own[x] - spread, own[x] + spread);
+        }
+        let mut grows = [true; SIDE];
+        let mut count = [1.0f32; SIDE];
+        for reach in 1..=REACH {
+            let before = count;
+            for k in REACH - reach..REACH + reach {
+                // Half of the offsets at this distance; the others are opposite.
+                for [dx, dy] in [[REACH + reach, k], [k, REACH - reach]] {
+                    let away = dy * WIDE + dx;
+                    let (a, b) = (middle + away - OFFSET, middle + OFFSET - away);
+                    let mut alike = [1.0; SIDE];
+                    self.keep_alike(middle, a, &mut alike);
+                    self.keep_alike(middle, b, &mut alike);
+                    for x in 0..SIDE {
+                        count[x] += 2.0 * alike[x];
+                    }
+                    for (sum, values) in sums.iter_mut().zip(&self.values) {
+                        let (a, b) = (row(values, a), row(values, b));
+                        for x in 0..SIDE {
+                            sum[x] += alike[x] * (a[x] + b[x]);
+                        }
+                    }
+                }
+            }
+            for x in 0..SIDE {
+                let mean = sums[SEEN][x] / count[x];
+                let samples = sums[SAMPLES][x].max(1.0);
+                let of_mean = sums[VARIANCE][x] / (count[x] * count[x]) + unseen(samples);
+                let spread = CONFIDENCE * of_mean.sqrt();
+                low[x] = low[x].max(mean - spread);
+                high[x] = high[x].min(mean + spread);
+                grows[x] = grows[x] & (count[x] > before[x]) & (low[x] <= high[x]);
+                let better = grows[x] & (BLUR * of_mean < error[x]);
+                error[x] = if better { BLUR * of_mean } else { error[x] };
+                seen[x] = if better { mean } else { seen[x] };
+                irradiance[x] = if better {
+                    sums[IRRADIANCE][x]
+                } else {
+                    irradiance[x]
+                };
+                unshadowed[x] = if better {
+                    sums[UNSHADOWED][x]
+                } else {
+                    unshadowed[x]
+                };
+            }
+        }
+        for x in 0..SIDE {
+            // What is exact stays so.
+            let exact = own_samples[x] == 0.0;
+            self.found[0][y * SIDE + x] = if exact { own[x] } else { seen[x] };
+            self.found[1][y * SIDE + x] = part(irradiance[x], unshadowed[x]);
+            self.found[2][y * SIDE + x] = if exact { 0.0 } else { error[x] };
+        }
+    }
+
+    /// Squared errors of pixels' own means, by the variance of one sample around them.
+    #[inline(always)]
+    fn errors_alone(&self, middle: usize, out: &mut [f32; SIDE]) {
+        let (mut sum, mut count) = ([0.0; SIDE], [0.0f32; SIDE]);
+        for dy in 0..3 {
+            for dx in 0..3 {
+                let at = middle + dy * WIDE + dx - (WIDE + 1);
+                let samples = row(&self.values[SAMPLES], at);
+                let variance = row(&self.values[VARIANCE], at);
+                for x in 0..SIDE {
+                    sum[x] += variance[x] * samples[x];
+                    count[x] += if samples[x] > 0.0 { 1.0 } else { 0.0 };
+                }
+            }
+        }
+        let samples = row(&self.values[SAMPLES], middle);
+        for x in 0..SIDE {
+            let samples = samples[x].max(1.0);
+            out[x] = sum[x] / (count[x].max(1.0) * samples) + unseen(samples);
+        }
+    }
+
+    /// Leaves `alike` as it is where pixels from `middle` and from `other` on lie on one surface, and makes it 0
+    /// elsewhere.
+    #[inline(always)]
+    fn keep_alike(&self, middle: usize, other: usize, alike: &mut [f32; SIDE]) {
+        let (entry, others) = (row(&self.entry, middle), row(&self.entry, other));
+        let (mut turned, mut across) = ([0.0; SIDE], [0.0; SIDE]);
+        let mut squared = [0.0; SIDE];
+        for k in 0..3 {
+            let (n, m) = (row(&self.normal[k], middle), row(&self.normal[k], other));
+            let (p, q) = (
+                row(&self.position[k], middle),
+                row(&self.position[k], other),
+            );
+            for x in 0..SIDE {
+                let d = q[x] - p[x];
+                turned[x] += n[x] * m[x];
+                across[x] += n[x] * d;
+                squared[x] += d * d;
+            }
+        }
+        for x in 0..SIDE {
+            let near = across[x] * across[x] <= ACROSS * ACROSS * squared[x];
+            let one = (entry[x] == others[x]) & (turned[x] >= ALIKE) & near;
+            alike[x] = if one { alike[x] } else { 0.0 };
+        }
+    }
+}
+
+/// What offsets are counted from, so that they are not negative.
+const OFFSET: usize = REACH * WIDE + REACH;

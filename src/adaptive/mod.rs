@@ -1,0 +1,58 @@
+//! Visibility within an error that the user states: what is known of receivers, how far it may be off, what
+//! neighbours on the same surface tell of each other, and who needs more samples.
+//!
+//! - this file: [`Estimate`], what a receiver's samples tell;
+//! - [`filter`]: what they tell together with those of its neighbours, [`Filtered`](filter::Filtered);
+//! - [`budget`]: for whom more samples lower the error most.
+
+pub mod budget;
+pub mod filter;
+
+/// What is known of a receiver under one light.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Estimate {
+    /// Mean of its samples.
+    pub seen: f32,
+    /// Variance of that mean, as the difference of two halves of the samples tells.
+    pub variance: f32,
+    /// Irradiance at radiance 1, by its samples.
+    pub irradiance: f32,
+    /// What the irradiance would be if all samples that face the receiver were seen.
+    pub unshadowed: f32,
+    /// How many there were; none where the answer is not an estimate.
+    pub samples: u32,
+}
+
+impl Estimate {
+    /// Whether nothing is left to be estimated.
+    pub fn is_exact(&self) -> bool {
+        self.samples == 0
+    }
+
+    /// Part of the unshadowed irradiance that arrives.
+    pub fn part(&self) -> f32 {
+        part(self.irradiance, self.unshadowed)
+    }
+
+    /// Adds what more samples of the same receiver tell.
+    ///
+    /// They continue a sequence that fills the light evenly, so that their errors tend to cancel those of the
+    /// samples before; taken as independent, the variance is more than it is.
+    pub fn add(&mut self, more: &Estimate) {
+        let all = self.samples + more.samples;
+        let (a, b) = (
+            self.samples as f32 / all as f32,
+            more.samples as f32 / all as f32,
+        );
+        self.seen = a * self.seen + b * more.seen;
+        self.variance = a * a * self.variance + b * b * more.variance;
+        self.irradiance = a * self.irradiance + b * more.irradiance;
+        self.unshadowed = a * self.unshadowed + b * more.unshadowed;
+        self.samples = all;
+    }
+}
+
+/// A part of a whole that may be nothing.
+fn part(some: f32, whole: f32) -> f32 {
+    if whole > 0.0 { some / whole } else { 0.0 }
+}

@@ -1,0 +1,140 @@
+//! As many samples as an error asks for (`error`).
+//!
+//! Every receiver has a few samples first. What they tell together with those of its neighbours on the same
+//! surface ([`Filter`]) has an expected error; while the mean over all receivers is above what was asked, those go on
+//! whose error falls most for a sample ([`budget::bound`]). Samples are nested: a receiver's later ones continue its
+//! sequence. Receivers before whose light there is no edge are exact with one segment.
+
+use super::{Answer, PreparedLight, PreparedRayTraced, RayTraced, Scratch};
+use crate::adaptive::Estimate;
+use crate::adaptive::budget::{self, steps};
+use crate::adaptive::filter::Filter;
+use crate::control::Control;
+use crate::error::Result;
+use crate::method::{Irradiance, Shading};
+use crate::receivers::Receivers;
+use crate::sampling::{Pattern, Sampler};
+
+/// Least error that may be asked: below, the visibility's own steps would decide.
+pub(super) const LEAST_ERROR: f64 = 1e-4;
+
+/// The samples of each step: all at once, or so that they are nested.
+pub(super) fn patterns(method: &RayTraced) -> Vec<Pattern> {
+    if method.error.is_none() {
+        return vec![Pattern::new(method.samples as usize, method.seed)];
+    }
+    let ends = steps(method.samples);
+    let starts = std::iter::once(0).chain(ends.iter().copied());
+    let part = |(start, end): (u32, u32)| Pattern::part(start as usize..end as usize, method.seed);
+    starts.zip(ends.iter().copied()).map(part).collect()
+}
+
+impl PreparedRayTraced {
+    /// Shades all receivers with as few samples as keep the error.
+    pub(super) fn shade_within(
+        &self,
+        error: f64,
+        receivers: &Receivers,
+        light: &[PreparedLight],
+        control: &Control,
+    ) -> Result<Shading> {
+        let ends: Vec<u32> = light
+            .iter()
+            .scan(0, |end, step| {
+                *end += step.sampler.len() as u32;
+                Some(*end)
+            })
+            .collect();
+        let most = ends[ends.len() - 1];
+        let pilot = self.sample(receivers, light, control, |_| Some(0))?;
+        let mut estimates: Vec<Estimate> = pilot.into_iter().flatten().collect();
+        let filter = Filter::new(&self.geometry, receivers);
+        let silent = control.silent();
+        let wanted = error * error * receivers.len() as f64;
+        loop {
+            let found = filter.apply(&estimates, &silent)?;
+            let left: f64 = found.iter().map(|f| f64::from(f.error)).sum();
+            let told = found
+                .iter()
+                .zip(&estimates)
+                .map(|(f, e)| (f.error, e.samples, e.samples < most));
+            let bound = budget::bound(told, wanted).filter(|_| left > wanted);
+            let step = |i: usize| {
+                let e = &estimates[i];
+                let grows = !e.is_exact() && found[i].error / e.samples as f32 >= bound?;
+                let done = ends.iter().position(|end| *end == e.samples)?;
+                grows.then_some(done + 1).filter(|s| *s < ends.len())
+            };
+            let more = self.sample(receivers, light, &silent, step)?;
+            if more.iter().all(Option::is_none) {
+                return Ok(Shading {
+                    visibility: found.iter().map(|f| f.seen).collect(),
+                    irradiance: Some(Irradiance::Part(found.iter().map(|f| f.part).collect())),
+                });
+            }
+            for (e, more) in estimates.iter_mut().zip(&more) {
+                match more {
+                    // More samples pay for more edges, of which there may be none before the light.
+                    Some(more) if more.is_exact() => *e = *more,
+                    Some(more) => e.add(more),
+                    None => {}
+                }
+            }
+        }
+    }
+
+    /// Estimates by the samples of a step for each receiver; none for those that have none.
+    fn sample(
+        &self,
+        receivers: &Receivers,
+        light: &[PreparedLight],
+        control: &Control,
+        step: impl Fn(usize) -> Option<usize> + Sync + Send,
+    ) -> Result<Vec<Option<Estimate>>> {
+        receivers.by_groups(control, None, Scratch::default, |scratch, range, out| {
+            let first = range.start;
+            for (s, light) in light.iter().enumerate() {
+                let mut ids: Vec<usize> = range.clone().filter(|&i| step(i) == Some(s)).collect();
+                if ids.is_empty() {
+                    continue;
+                }
+                let mut put = |i: usize, answer: Answer| {
+                    out[i - first] = Some(estimate(&answer, receivers, i, &light.sampler));
+                };
+                self.shade_group(receivers, &mut ids, light, scratch, &mut put);
+            }
+            Ok(())
+        })
+    }
+}
+
+/// What the answer of receiver `i` tells.
+fn estimate(answer: &Answer, receivers: &Receivers, i: usize, sampler: &Sampler) -> Estimate {
+    let [seen, irradiance] = answer.sums;
+    let mut found = Estimate {
+        seen,
+        irradiance,
+        unshadowed: answer.unshadowed,
+        ..Estimate::default()
+    };
+    let dark = answer.unshadowed == 0.0;
+    if dark || answer.whole {
+        let above = sampler
+            .light()
+            .fraction_above(receivers.positions[i], receivers.normals[i]);
+        if answer.whole || above == 0.0 {
+            found.seen = found.part() * above as f32;
+            return found;
+        }
+    }
+    found.samples = sampler.len() as u32;
+    let (half, all) = ((found.samples / 2) as f32, found.samples as f32);
+    found.variance = if half == 0.0 {
+        // What one sample tells of its own spread.
+        0.25
+    } else {
+        let late = (seen * all - answer.early * half) / (all - half);
+        0.25 * (late - answer.early).powi(2)
+    };
+    found
+}
