@@ -33,7 +33,7 @@ use glam::Vec3;
 
 use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
-use crate::bvh::packet::Packet;
+use crate::bvh::packet::{Packet, Stack};
 use crate::control::Control;
 use crate::error::{Result, in_range};
 use crate::light::Light;
@@ -202,7 +202,7 @@ const MIDDLE: u16 = (GRID * GRID / 2 + GRID / 2) as u16;
 #[derive(Default)]
 struct Tracer {
     packet: Packet,
-    stack: Vec<u32>,
+    stack: Stack,
     /// Place on the light, receiver and target of each segment.
     segments: Vec<(u32, u32, Vec3)>,
     order: Vec<u64>,
