@@ -12,7 +12,7 @@
 use std::sync::OnceLock;
 
 pub use fearless_simd::Level;
-use fearless_simd::{f32x4, f32x16, f64x8, mask32x16, prelude::*};
+use fearless_simd::{f32x4, f32x16, f64x8, prelude::*};
 use glam::Vec4;
 
 /// Lanes in a vector.
@@ -112,12 +112,6 @@ pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {
     fn greater(self, o: impl SimdInto<Self, S>) -> Self;
     /// Lane `i` of `self` where bit `i` is set, of `o` elsewhere.
     fn where_bits(self, bits: u16, o: impl SimdInto<Self, S>) -> Self;
-}
-
-/// One bit a lane.
-#[inline(always)]
-pub(crate) fn bits<S: Simd>(mask: mask32x16<S>) -> u16 {
-    mask.to_bitmask() as u16
 }
 
 impl<S: Simd, V: SimdFloat<S, Element = f32>> Lanes<S> for V {

@@ -21,6 +21,7 @@
 //! candidate edges (foliage, hair), or more than pay for its samples (`EDGES_A_SAMPLE`), and some groups
 //! after it (`group::Pause`). Then all samples are traced.
 
+mod batch;
 mod grid;
 mod group;
 mod project;
@@ -41,6 +42,7 @@ use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
+use batch::Batch;
 use grid::Grid;
 use group::{EdgeCells, Group, Pause, SearchResult};
 
@@ -165,6 +167,7 @@ impl Prepared for PreparedRayTraced {
 #[derive(Default)]
 struct Scratch {
     tracer: Tracer,
+    batch: Batch,
     samples: LightSamples,
     group: Group,
     pause: Pause,
@@ -323,9 +326,16 @@ impl PreparedRayTraced {
                     });
                     s.share_segments(k);
                 }
+                EdgeCells::Unclear if 2 * s.samples.count <= LANES => {
+                    if !s.batch.fits(&s.samples) {
+                        s.batch.trace(occluders, &mut s.tracer.stack, put);
+                    }
+                    s.batch.add(i, s.origins[k], &s.samples);
+                }
                 EdgeCells::Unclear => put(i, s.trace_all(occluders, s.origins[k])),
             }
         }
+        s.batch.trace(occluders, &mut s.tracer.stack, put);
         s.tracer.trace(occluders, &s.origins);
         let rows = s.samples.weights.len();
         for pending in &s.pending {
