@@ -2,6 +2,8 @@
 
 ``python benches/two_builds.py BEFORE/.venv/bin/python AFTER/.venv/bin/python --repeats 15``
 
+``--dense`` adds `ray_traced` with 4 to 256 samples on scenes of many triangles (``--only "tree 16"``).
+
 Each build renders in a process of its own. A row has the least processor and wall time of a frame
 with either, and the median of the ratios of frames that followed each other, which a busy machine
 changes least.
@@ -17,6 +19,28 @@ import time
 
 SIZE = 512
 """Pixels along a picture's sides."""
+
+
+DENSE_SIZE = 384
+"""The same of dense scenes."""
+
+DENSE_SAMPLES = (4, 16, 64, 256)
+
+
+def _dense():
+    """Return what makes a scene of many triangles, by name."""
+    import softshadow as ss
+
+    size = {"width": DENSE_SIZE, "height": DENSE_SIZE}
+    return {
+        "tree": lambda: ss.scenes.tree(**size),
+        "fur": lambda: ss.scenes.fur_ball(**size),
+        "statue": lambda: ss.scenes.statue(**size),
+        "bunny": lambda: ss.scenes.bunny_on_plane(**size),
+        "large": lambda: ss.scenes.bunny_on_plane(light_size=1.0, **size),
+        "city": lambda: ss.scenes.city(light_size=0.4, **size),
+        "scan": lambda: ss.scenes.statue(subdivisions=2, **size),
+    }
 
 
 def _cases():
@@ -62,18 +86,28 @@ def work():
     """Answer every name of a case on standard input with a frame's wall and processor seconds."""
     import softshadow as ss
 
-    cases, ready = _cases(), {}
-    camera = ss.Camera((0.5, -5, 3.5), (0, 0, 0.7), width=SIZE, height=SIZE)
+    cases, dense, ready, setups = _cases(), _dense(), {}, {}
+    cameras = dict.fromkeys(
+        cases, ss.Camera((0.5, -5, 3.5), (0, 0, 0.7), width=SIZE, height=SIZE)
+    )
     print(*cases, sep="|", flush=True)
+    print(*(f"{name} {n}" for name in dense for n in DENSE_SAMPLES), sep="|", flush=True)
     for line in sys.stdin:
         name = line.strip()
+        if name not in cases:
+            which, samples = name.split()
+            if which not in setups:
+                setups = {which: dense[which]()}
+            setup = setups[which]
+            cases[name] = (setup.scene, setup.light, ss.RayTraced(int(samples)))
+            cameras[name] = setup.camera
         # Textures are kept after the first picture, which is the one to time.
         if name not in ready or name in ("accumulation", "convolution"):
             ready = {name: ss.prepare(*cases[name])}
             if name not in ("accumulation", "convolution"):
-                ready[name].render(camera)
+                ready[name].render(cameras[name])
         wall, cpu = time.perf_counter(), time.process_time()
-        ready[name].render(camera)
+        ready[name].render(cameras[name])
         print(time.perf_counter() - wall, time.process_time() - cpu, flush=True)
 
 
@@ -84,6 +118,7 @@ def main():
     parser.add_argument("after", help="the Python that has the other")
     parser.add_argument("--repeats", type=int, default=15)
     parser.add_argument("--only", nargs="*", help="names of cases")
+    parser.add_argument("--dense", action="store_true", help="dense scenes, too")
     options = parser.parse_args()
     sides = [
         subprocess.Popen(
@@ -91,7 +126,7 @@ def main():
         )
         for python in (options.before, options.after)
     ]
-    names, _ = (side.stdout.readline().strip().split("|") for side in sides)
+    names, dense = ([side.stdout.readline().strip().split("|") for side in sides][0] for _ in "12")
 
     def frame(side, name):
         side.stdin.write(name + "\n")
@@ -99,7 +134,7 @@ def main():
         return [float(x) for x in side.stdout.readline().split()]
 
     print(f"{'case':24} {'wall ms':>19} {'ratio':>6} {'cpu ms':>19} {'ratio':>6} {'median':>6}")
-    for name in options.only or names:
+    for name in options.only or (names + dense if options.dense else names):
         times = [[], []]
         for turn in range(options.repeats):
             for k in (0, 1) if turn % 2 else (1, 0):

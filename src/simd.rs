@@ -12,7 +12,7 @@
 use std::sync::OnceLock;
 
 pub use fearless_simd::Level;
-use fearless_simd::{f32x4, f32x16, f64x8, mask32x16, prelude::*};
+use fearless_simd::{f32x4, f32x16, f64x8, prelude::*};
 use glam::Vec4;
 
 /// Lanes in a vector.
@@ -96,8 +96,8 @@ pub fn detect() -> Level {
 /// Comparisons as one bit a lane, and the smaller and larger value with the same bits on every machine:
 /// the crate leaves open what its `min` and `max` do with NaN.
 ///
-/// Comparisons with NaN are false.
-pub(crate) trait Lanes<S: Simd>: Copy {
+/// Comparisons with NaN are false. For up to sixteen lanes.
+pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {
     /// Bit `i` set where lane `i` has `self < o`.
     fn lt(self, o: impl SimdInto<Self, S>) -> u16;
     /// Bit `i` set where lane `i` has `self <= o`.
@@ -114,28 +114,22 @@ pub(crate) trait Lanes<S: Simd>: Copy {
     fn where_bits(self, bits: u16, o: impl SimdInto<Self, S>) -> Self;
 }
 
-/// One bit a lane.
-#[inline(always)]
-pub(crate) fn bits<S: Simd>(mask: mask32x16<S>) -> u16 {
-    mask.to_bitmask() as u16
-}
-
-impl<S: Simd> Lanes<S> for f32x16<S> {
+impl<S: Simd, V: SimdFloat<S, Element = f32>> Lanes<S> for V {
     #[inline(always)]
     fn lt(self, o: impl SimdInto<Self, S>) -> u16 {
-        bits(self.simd_lt(o))
+        self.simd_lt(o).to_bitmask() as u16
     }
     #[inline(always)]
     fn le(self, o: impl SimdInto<Self, S>) -> u16 {
-        bits(self.simd_le(o))
+        self.simd_le(o).to_bitmask() as u16
     }
     #[inline(always)]
     fn gt(self, o: impl SimdInto<Self, S>) -> u16 {
-        bits(self.simd_gt(o))
+        self.simd_gt(o).to_bitmask() as u16
     }
     #[inline(always)]
     fn ge(self, o: impl SimdInto<Self, S>) -> u16 {
-        bits(self.simd_ge(o))
+        self.simd_ge(o).to_bitmask() as u16
     }
     #[inline(always)]
     fn lesser(self, o: impl SimdInto<Self, S>) -> Self {
@@ -144,7 +138,7 @@ impl<S: Simd> Lanes<S> for f32x16<S> {
         if cfg!(target_arch = "x86_64") {
             return self.min(o);
         }
-        let o = o.simd_into(self.simd);
+        let o = o.simd_into(self.token());
         self.simd_lt(o).select(self, o)
     }
     #[inline(always)]
@@ -153,13 +147,13 @@ impl<S: Simd> Lanes<S> for f32x16<S> {
         if cfg!(target_arch = "x86_64") {
             return self.max(o);
         }
-        let o = o.simd_into(self.simd);
+        let o = o.simd_into(self.token());
         self.simd_gt(o).select(self, o)
     }
     #[inline(always)]
     fn where_bits(self, bits: u16, o: impl SimdInto<Self, S>) -> Self {
-        let mask = mask32x16::from_bitmask(self.simd, u64::from(bits));
-        mask.select(self, o.simd_into(self.simd))
+        let mask = V::Mask::from_bitmask(self.token(), u64::from(bits));
+        mask.select(self, o.simd_into(self.token()))
     }
 }
 
@@ -196,14 +190,19 @@ pub(crate) fn positive<S: Simd>(simd: S, values: &[f64; 8]) -> u8 {
         .to_bitmask() as u8
 }
 
-/// Asks for an element of a slice before it is needed.
+/// Bytes that caches hold together.
+#[cfg(target_arch = "x86_64")]
+const CACHE_LINE: usize = 64;
+
+/// Asks for an element of a slice, all of its bytes, before it is needed.
 #[inline(always)]
 pub fn prefetch<T>(slice: &[T], at: usize) {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: it changes nothing and faults at no address.
-    unsafe {
+    for byte in (0..size_of::<T>()).step_by(CACHE_LINE) {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        _mm_prefetch::<_MM_HINT_T0>(slice.as_ptr().wrapping_add(at).cast());
+        let element = slice.as_ptr().wrapping_add(at).cast::<i8>();
+        // SAFETY: it changes nothing and faults at no address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(element.wrapping_add(byte)) };
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = (slice, at);

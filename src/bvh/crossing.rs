@@ -152,15 +152,16 @@ fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl Fn
         let high = (Vec3::from(node.max).as_dvec3() + slack - o) * inverse;
         low.min(high).max_element().max(0.0) <= low.max(high).min_element().min(limit)
     };
-    stack.clear();
-    stack.push(0);
-    while let Some(i) = stack.pop() {
+    let nodes = &mut stack.nodes;
+    nodes.clear();
+    nodes.push(0);
+    while let Some(i) = nodes.pop() {
         let node = &tree.nodes[i as usize];
         if !enters(node, limit) {
             continue;
         }
         if node.count == 0 {
-            stack.extend([node.first, i + 1]);
+            nodes.extend([node.first, i + 1]);
             continue;
         }
         for k in node.first..node.first + node.count {

@@ -115,6 +115,7 @@ pub(crate) fn traverse<S: Simd, L: Leaves>(
     stack: &mut Stack,
 ) {
     let nodes = &tree.nodes[..];
+    let stack = &mut stack.nodes;
     if nodes.is_empty() {
         return;
     }

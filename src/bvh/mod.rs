@@ -1,7 +1,8 @@
 //! Bounding volume hierarchies over what casts, and the queries that the methods ask of them.
 //!
 //! - [`tree`]: building and refitting, the only file that knows obvhs;
-//! - [`packet`]: which of sixteen segments are blocked by opaque triangles;
+//! - [`packet`]: sixteen segments, and whether one passes through a triangle;
+//! - [`any_hit`]: which of sixteen segments are blocked by opaque triangles, by a tree with eight children a node (`wide`);
 //! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
 //! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance, and which first;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers.
@@ -12,11 +13,13 @@
 //! exact predicate. So there is no epsilon along a segment: a receiver or light point that was moved
 //! off its surface by a few ulps is on the right side of it, however large the triangle.
 
+pub mod any_hit;
 pub mod crossing;
 pub(crate) mod grown;
 pub mod outline;
 pub mod packet;
 pub mod tree;
+mod wide;
 
 use std::sync::OnceLock;
 
@@ -27,6 +30,7 @@ use crate::geometry::{Geometry, Sphere};
 use outline::Outline;
 use packet::{Packet, Stack};
 use tree::Tree;
+use wide::Wide;
 
 /// A hierarchy over triangles.
 #[derive(Debug, Clone)]
@@ -37,6 +41,7 @@ pub struct TriangleBvh {
     pub corners: Vec<[Vec3; 3]>,
     /// Indices into [`Geometry::faces`] in the order of the leaves.
     pub faces: Vec<u32>,
+    wide: Wide,
     outline: OnceLock<Outline>,
 }
 
@@ -45,8 +50,14 @@ impl TriangleBvh {
         let bounds = face_bounds(geometry, faces);
         let tree = Tree::new(&bounds);
         let faces: Vec<u32> = tree.order.iter().map(|&i| faces[i as usize]).collect();
-        let corners = faces.par_iter().map(|&f| geometry.corners(f)).collect();
+        TriangleBvh::of(geometry, tree, faces)
+    }
+
+    /// With `faces` in the order of the tree's leaves.
+    fn of(geometry: &Geometry, tree: Tree, faces: Vec<u32>) -> Self {
+        let corners: Vec<_> = faces.par_iter().map(|&f| geometry.corners(f)).collect();
         TriangleBvh {
+            wide: Wide::new(&tree, &corners),
             tree,
             corners,
             faces,
@@ -58,20 +69,7 @@ impl TriangleBvh {
     fn refitted(&self, geometry: &Geometry) -> Self {
         let bounds = face_bounds(geometry, &self.faces);
         match self.tree.refitted(&bounds) {
-            Some(tree) => {
-                let corners = self
-                    .faces
-                    .par_iter()
-                    .map(|&f| geometry.corners(f))
-                    .collect();
-                let (faces, outline) = (self.faces.clone(), OnceLock::new());
-                TriangleBvh {
-                    tree,
-                    corners,
-                    faces,
-                    outline,
-                }
-            }
+            Some(tree) => TriangleBvh::of(geometry, tree, self.faces.clone()),
             None => TriangleBvh::new(geometry, &self.faces),
         }
     }
@@ -84,7 +82,10 @@ impl TriangleBvh {
     /// Bytes of the hierarchy.
     pub fn bytes(&self) -> usize {
         let outline = self.outline.get().map_or(0, Outline::bytes);
-        self.tree.bytes() + self.corners.len() * (size_of::<[Vec3; 3]>() + 4) + outline
+        self.tree.bytes()
+            + self.wide.bytes()
+            + self.corners.len() * (size_of::<[Vec3; 3]>() + 4)
+            + outline
     }
 }
 
@@ -164,7 +165,7 @@ impl Occluders {
         stack: &mut Stack,
         out: &mut [f32; crate::simd::LANES],
     ) {
-        let mut open = active & !packet::blocked(&self.opaque, packet, active, stack);
+        let mut open = active & !any_hit::blocked(&self.opaque, packet, active, stack);
         out.fill(0.0);
         while open != 0 {
             let lane = open.trailing_zeros() as usize;

@@ -7,7 +7,7 @@
 use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
-use crate::bvh::packet::Packet;
+use crate::bvh::packet::{Packet, Stack};
 use crate::control::Control;
 use crate::error::Result;
 use crate::light::Light;
@@ -47,7 +47,7 @@ impl Prepared for PreparedHard {
         let light = &self.lights[light];
         let occluders = self.geometry.occluders();
         let target = light.target();
-        let keep = <(Packet, Vec<u32>)>::default;
+        let keep = <(Packet, Stack)>::default;
         let visibility =
             receivers.by_groups(control, 0.0, keep, |(packet, stack), range, out| {
                 for (k, out) in out.chunks_mut(LANES).enumerate() {

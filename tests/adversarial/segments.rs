@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use robust::{Coord3D, orient3d};
-use softshadow::bvh::packet::Packet;
+use softshadow::bvh::packet::{Packet, Stack};
 use softshadow::scene::snapshot::Snapshot;
 
 use super::{OPAQUE, Random, scene, vec};
@@ -48,7 +48,7 @@ fn blocked(geometry: &Snapshot, segments: &[(Vec3, Vec3)]) -> Vec<bool> {
     }
     let active = u16::MAX >> (16 - segments.len());
     let occluders = geometry.occluders();
-    occluders.transmittance(&packet, active, &mut Vec::new(), &mut out);
+    occluders.transmittance(&packet, active, &mut Stack::new(), &mut out);
     out[..segments.len()].iter().map(|t| *t == 0.0).collect()
 }
 

@@ -22,6 +22,7 @@
 //! after it (`group::Pause`). Then all samples are traced.
 
 mod adaptive;
+mod batch;
 mod grid;
 mod group;
 mod project;
@@ -34,7 +35,7 @@ use glam::Vec3;
 
 use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
-use crate::bvh::packet::Packet;
+use crate::bvh::packet::{Packet, Stack};
 use crate::control::Control;
 use crate::error::{Error, Result, in_range};
 use crate::light::Light;
@@ -42,6 +43,7 @@ use crate::method::{Irradiance, Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
 use crate::simd::{LANES, Row};
+use batch::Batch;
 use grid::Grid;
 use group::{EdgeCells, Group, Pause, SearchResult};
 
@@ -177,6 +179,7 @@ impl Prepared for PreparedRayTraced {
 #[derive(Default)]
 struct Scratch {
     tracer: Tracer,
+    batch: Batch,
     samples: LightSamples,
     group: Group,
     pause: Pause,
@@ -231,7 +234,7 @@ const MIDDLE: u16 = (GRID * GRID / 2 + GRID / 2) as u16;
 #[derive(Default)]
 struct Tracer {
     packet: Packet,
-    stack: Vec<u32>,
+    stack: Stack,
     /// Place on the light, receiver and target of each segment.
     segments: Vec<(u32, u32, Vec3)>,
     order: Vec<u64>,
@@ -370,9 +373,16 @@ impl PreparedRayTraced {
                     });
                     s.share_segments(k);
                 }
+                EdgeCells::Unclear if 2 * s.samples.count <= LANES => {
+                    if !s.batch.fits(&s.samples) {
+                        s.batch.trace(occluders, &mut s.tracer.stack, put);
+                    }
+                    s.batch.add(i, s.origins[k], &s.samples);
+                }
                 EdgeCells::Unclear => put(i, s.trace_all(occluders, s.origins[k])),
             }
         }
+        s.batch.trace(occluders, &mut s.tracer.stack, put);
         s.tracer.trace(occluders, &s.origins);
         let rows = s.samples.weights.len();
         for pending in &s.pending {

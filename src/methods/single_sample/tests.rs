@@ -6,7 +6,7 @@ use super::found::Found;
 use super::lanes::ReceiverViews;
 use super::triangles::search;
 use super::view::{DoubledLight, ReceiverView};
-use crate::bvh::packet;
+use crate::bvh::any_hit;
 use crate::bvh::packet::Stack;
 use crate::geometry::entry::Material;
 use crate::light::Light;
@@ -99,7 +99,7 @@ fn the_tree_finds_what_all_triangles_one_by_one_say() {
                 rows.push((blocked, found.limit().0));
             }
             for (level, (blocked, row)) in rows.iter().enumerate() {
-                let plain = packet::blocked(bvh, &views.packet, u16::MAX, &mut stack);
+                let plain = any_hit::blocked(bvh, &views.packet, u16::MAX, &mut stack);
                 assert_eq!(*blocked, plain);
                 for lane in (0..LANES).filter(|lane| plain >> lane & 1 == 0) {
                     assert_eq!(row[lane].to_bits(), rows[0].1[lane].to_bits(), "{level}");

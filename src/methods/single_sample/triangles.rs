@@ -63,7 +63,7 @@ fn along<S: Simd, const AXIS: usize>(
     found: &mut Found,
     stack: &mut Stack,
 ) -> u16 {
-    let rays = prepare::<S, AXIS>(simd, &views.packet, active);
+    let rays = prepare::<S, AXIS>(simd, &views.packet);
     let [kx, ky, _] = Rays::<S, AXIS>::AXES;
     let sheared = |rows: &[Row; 3]| [rows[kx].load(simd), rows[ky].load(simd)];
     let one = f32x16::splat(simd, 1.0);

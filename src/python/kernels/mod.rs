@@ -21,7 +21,7 @@ pub(super) mod kernels {
     use super::super::light::PyLight;
     use super::super::run::{run, step};
     use super::super::scene::PyScene;
-    use crate::bvh::packet::Packet;
+    use crate::bvh::packet::{Packet, Stack};
     use crate::error::{Error, Result};
     use crate::frame::Frame;
     use crate::geometry::entry::Material;
@@ -253,7 +253,7 @@ pub(super) mod kernels {
             let parts: Vec<Vec<f32>> = chunks
                 .map_init(
                     Default::default,
-                    |(packet, stack): &mut (Packet, Vec<u32>), (o, t)| {
+                    |(packet, stack): &mut (Packet, Stack), (o, t)| {
                         control.step()?;
                         let mut out = Vec::with_capacity(o.len());
                         for (o, t) in o.chunks(LANES).zip(t.chunks(LANES)) {
