@@ -31,15 +31,14 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
-use crate::bvh::packet::Packet;
 use crate::control::Control;
 use crate::error::{Result, in_range};
 use crate::light::Light;
 use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
-use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
+use crate::sampling::tracing::{Tracer, bits, sums, sums_of_valid};
+use crate::sampling::{GRID, LightSamples, Pattern, Sampler};
 use crate::simd::{LANES, Row};
 use grid::Grid;
 use group::{EdgeCells, Group, Pause, SearchResult};
@@ -198,50 +197,6 @@ const NO_SEGMENT: u32 = u32::MAX;
 /// The grid cell that the light's middle lies in.
 const MIDDLE: u16 = (GRID * GRID / 2 + GRID / 2) as u16;
 
-/// Segments of a group of receivers.
-#[derive(Default)]
-struct Tracer {
-    packet: Packet,
-    stack: Vec<u32>,
-    /// Place on the light, receiver and target of each segment.
-    segments: Vec<(u32, u32, Vec3)>,
-    order: Vec<u64>,
-    through: Vec<f32>,
-}
-
-impl Tracer {
-    /// Adds the segment from the group's receiver `k` to a target in this cell of the light.
-    fn add(&mut self, k: usize, cell: u16, target: Vec3) -> u32 {
-        self.segments.push((cell_place(cell), k as u32, target));
-        self.segments.len() as u32 - 1
-    }
-
-    /// Traces all segments, sorted by where on the light they end: the same sample of two receivers, each
-    /// with digits of its own flipped, can lie anywhere.
-    fn trace(&mut self, occluders: &Occluders, origins: &[Vec3]) {
-        self.order.clear();
-        let keys = self.segments.iter().enumerate();
-        self.order
-            .extend(keys.map(|(s, &(place, ..))| u64::from(place) << 32 | s as u64));
-        self.order.sort_unstable();
-        self.through.clear();
-        self.through.resize(self.segments.len(), 0.0);
-        for keys in self.order.chunks(LANES) {
-            for (lane, &key) in keys.iter().enumerate() {
-                let (_, k, target) = self.segments[key as u32 as usize];
-                self.packet.set(lane, origins[k as usize], target);
-            }
-            let active = u16::MAX >> (LANES - keys.len());
-            let mut through = [0.0; LANES];
-            occluders.transmittance(&self.packet, active, &mut self.stack, &mut through);
-            for (&key, t) in keys.iter().zip(through) {
-                self.through[key as u32 as usize] = t;
-            }
-        }
-        self.segments.clear();
-    }
-}
-
 impl PreparedRayTraced {
     /// Shades receivers that share their candidate edges; halves them where there are too many. Returns whether
     /// there still were for some.
@@ -323,7 +278,15 @@ impl PreparedRayTraced {
                     });
                     s.share_segments(k);
                 }
-                EdgeCells::Unclear => put(i, s.trace_all(occluders, s.origins[k])),
+                EdgeCells::Unclear => {
+                    let Scratch {
+                        tracer,
+                        samples,
+                        origins,
+                        ..
+                    } = s;
+                    put(i, tracer.trace_samples(occluders, origins[k], samples));
+                }
             }
         }
         s.tracer.trace(occluders, &s.origins);
@@ -335,15 +298,14 @@ impl PreparedRayTraced {
                     segment,
                     sums,
                 } => {
-                    let hidden = s.tracer.through[segment as usize] == 0.0;
+                    let hidden = s.tracer.through(segment) == 0.0;
                     put(receiver, if hidden { [0.0; 2] } else { sums });
                 }
                 Pending::Parts { receiver, row } => {
                     s.through.clear();
                     s.through
                         .extend(s.sources[row..row + rows].iter().map(|sources| {
-                            let through = &s.tracer.through;
-                            Row(sources.map(|x| through.get(x as usize).copied().unwrap_or(0.0)))
+                            Row(sources.map(|x| s.tracer.through(x)))
                         }));
                     let weights = &s.weights[row..row + rows];
                     put(receiver, sums(weights, &s.through, s.samples.count));
@@ -380,60 +342,4 @@ impl Scratch {
         }
         self.weights.extend_from_slice(&self.samples.weights);
     }
-
-    /// Traces every sample of the receiver at hand.
-    fn trace_all(&mut self, occluders: &Occluders, origin: Vec3) -> [f32; 2] {
-        let samples = &self.samples;
-        self.through.clear();
-        for (r, &valid) in samples.valid.iter().enumerate() {
-            for lane in bits(valid) {
-                self.tracer
-                    .packet
-                    .set(lane, origin, samples.point(r * LANES + lane));
-            }
-            let mut through = Row::default();
-            let Tracer { packet, stack, .. } = &mut self.tracer;
-            occluders.transmittance(packet, valid, stack, &mut through.0);
-            self.through.push(through);
-        }
-        sums(&samples.weights, &self.through, samples.count)
-    }
-}
-
-fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lane = mask.trailing_zeros() as usize;
-        mask &= mask.wrapping_sub(1);
-        (lane < LANES).then_some(lane)
-    })
-}
-
-/// Visibility and irradiance from each sample's transmittance.
-///
-/// Sixteen partial sums in `f32`, then one in order: the same operations whatever was culled.
-fn sums(weights: &[Row], through: &[Row], count: usize) -> [f32; 2] {
-    let (mut seen, mut light) = (Row::default(), Row::default());
-    for (w, t) in weights.iter().zip(through) {
-        for lane in 0..LANES {
-            seen.0[lane] += t.0[lane];
-            light.0[lane] += w.0[lane] * t.0[lane];
-        }
-    }
-    let total = |row: Row| row.0.iter().sum::<f32>();
-    [(total(seen) / count as f32).min(1.0), total(light)]
-}
-
-/// [`sums`] with every valid sample seen, to the bit: counts are exact, and so is a product with 1.
-fn sums_of_valid(samples: &LightSamples) -> [f32; 2] {
-    let mut light = Row::default();
-    for weights in &samples.weights {
-        for lane in 0..LANES {
-            light.0[lane] += weights.0[lane];
-        }
-    }
-    let seen: u32 = samples.valid.iter().map(|v| v.count_ones()).sum();
-    [
-        (seen as f32 / samples.count as f32).min(1.0),
-        light.0.iter().sum(),
-    ]
 }
