@@ -20,6 +20,8 @@ pub struct Shading {
     /// Irradiance at radiance 1, where the method weights its own samples; otherwise it is the
     /// unshadowed irradiance times visibility over `h`.
     pub irradiance: Option<Vec<f32>>,
+    /// How many receivers a method answered by rays to all their light samples where that is not its way.
+    pub by_rays: usize,
 }
 
 /// How the shadows of different objects combine. [`crate::methods::single_sample`]'s paper takes the darkest,

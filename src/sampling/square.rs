@@ -88,6 +88,11 @@ impl Square {
         }
     }
 
+    /// Whether it lies in the plane of a flat light.
+    pub fn is_flat(&self) -> bool {
+        self.ball.is_none()
+    }
+
     /// The light point that is seen at these coordinates.
     pub fn point(&self, [s, t]: [f64; 2]) -> Vec3 {
         let q = self.corner + s * self.sides[0] + t * self.sides[1];

@@ -68,7 +68,8 @@ impl Tracer {
         self.samples.clear();
         for (r, &valid) in samples.valid.iter().enumerate() {
             for lane in bits(valid) {
-                self.packet.set(lane, origin, samples.point(r * LANES + lane));
+                self.packet
+                    .set(lane, origin, samples.point(r * LANES + lane));
             }
             let mut through = Row::default();
             occluders.transmittance(&self.packet, valid, &mut self.stack, &mut through.0);

@@ -150,7 +150,11 @@ impl Group {
     ) -> bool {
         let outline = bvh.outline(geometry);
         let nodes = &bvh.tree.nodes;
-        outline.candidates(nodes, shaft, most, &mut self.stack, &mut self.edges)
+        let edges = &mut self.edges;
+        let most = most - edges.len();
+        outline.candidates(nodes, shaft, most, &mut self.stack, &mut |edge, _| {
+            edges.push(*edge)
+        })
     }
 
     /// What edges cover of the light that receiver `k` sees.

@@ -152,6 +152,7 @@ impl Prepared for PreparedRayTraced {
         Ok(Shading {
             visibility: both.iter().map(|v| v[0]).collect(),
             irradiance: Some(both.iter().map(|v| v[1]).collect()),
+            by_rays: 0,
         })
     }
 
@@ -303,10 +304,11 @@ impl PreparedRayTraced {
                 }
                 Pending::Parts { receiver, row } => {
                     s.through.clear();
-                    s.through
-                        .extend(s.sources[row..row + rows].iter().map(|sources| {
-                            Row(sources.map(|x| s.tracer.through(x)))
-                        }));
+                    s.through.extend(
+                        s.sources[row..row + rows]
+                            .iter()
+                            .map(|sources| Row(sources.map(|x| s.tracer.through(x)))),
+                    );
                     let weights = &s.weights[row..row + rows];
                     put(receiver, sums(weights, &s.through, s.samples.count));
                 }

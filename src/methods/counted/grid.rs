@@ -1,0 +1,470 @@
+//! The light points of one receiver, in slanted rows over the light, and how many triangles hide each.
+//!
+//! A row is a line across the square in which the receiver sees the light, and its points have equal distances.
+//! Along a row depth complexity changes where an edge's image crosses it, from row to row where one crosses the
+//! square's left side between them. Every edge adds both to a table of changes; sums over it are the counts, up
+//! to a constant.
+//!
+//! **All loops close.** Whether an edge crosses a row is decided by the numbers of rows below its ends, on which side
+//! of the left side by the ends' signs, and the ends are the same for all edges that meet there. Between, the
+//! crossings follow the edge monotonically. So what is counted is the depth complexity of triangles whose borders
+//! were moved by rounding and nothing else, and it does not depend on the way from one point to another.
+//!
+//! **Rows are slanted** by a fifth, since edges parallel to the rows would all be rounded to whole rows, and those of
+//! buildings are parallel to a light's sides. Points of a row are shifted by a golden section from those of the row
+//! before. Of straight edges in random directions 32 rows of 64 points (26 and 52 of which are within the square)
+//! have an error of 0.0010, straight rows have 0.0061, and 1024 points of the sequence that rays use 0.0019; of edges
+//! parallel to a side 0.0003, 0.0089 and 0.0004.
+
+use fearless_simd::{i16x16, mask16x16, prelude::*};
+use glam::DVec3;
+
+use crate::sampling::square::Square;
+use crate::simd::LANES;
+
+/// Share of the rows by which they fall from the left side to the right one.
+const SLANT: f32 = 0.2;
+
+/// Columns whose points share a weight in sums: over them it changes by little and nearly linearly.
+const SHARED: usize = 4;
+
+/// A count that no edges can make: that of points that do not belong to the light or are under the tangent plane.
+const NOWHERE: i16 = i16::MAX;
+
+/// How many light points there are, and where.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Layout {
+    /// Rows, whole vectors of them.
+    pub(super) rows: usize,
+    /// Points in each.
+    pub(super) columns: usize,
+    /// Rows by which a row falls from left to right.
+    pub(super) fall: usize,
+}
+
+impl Layout {
+    /// Room for so many points in the square.
+    pub(super) fn new(samples: u32) -> Self {
+        let of = |vectors: usize| {
+            let rows = vectors * LANES;
+            let (columns, fall) = (2 * rows, (SLANT * rows as f32) as usize);
+            Layout {
+                rows,
+                columns,
+                fall,
+            }
+        };
+        let enough = |layout: &Layout| layout.points() >= samples as usize;
+        (1..).map(of).find(enough).unwrap_or(of(1))
+    }
+
+    /// Rows over the height of the square.
+    pub(super) fn height(&self) -> usize {
+        self.rows - self.fall
+    }
+
+    /// Points in the square.
+    pub(super) fn points(&self) -> usize {
+        self.height() * self.columns
+    }
+}
+
+/// Sixteen rows' counts in one column.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(32))]
+struct Counts([i16; LANES]);
+
+impl Counts {
+    #[inline(always)]
+    fn load<S: Simd>(&self, simd: S) -> i16x16<S> {
+        i16x16::load_array_ref(simd, &self.0)
+    }
+
+    #[inline(always)]
+    fn set<S: Simd>(&mut self, counts: i16x16<S>) {
+        counts.store_array(&mut self.0);
+    }
+}
+
+/// The points of a receiver that have the same count.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Level {
+    pub(super) count: i16,
+    /// In the middle of the longest run of such points in a row: its row and column.
+    pub(super) place: [usize; 2],
+}
+
+/// Sums over a receiver's points.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Sums {
+    /// Of the points' share in visibility and in irradiance, where the count is lowest.
+    pub(super) lowest: [f32; 2],
+    /// Of all points.
+    pub(super) all: [f32; 2],
+}
+
+/// The points of one receiver and the changes of their counts.
+#[derive(Debug)]
+pub(super) struct Grid {
+    layout: Layout,
+    /// By blocks of sixteen rows, then by columns, one more than there are: of what lies beyond the right side.
+    changes: Vec<Counts>,
+    /// Changes along the left side before each row, and after the last.
+    border: Vec<i16>,
+    /// Where the first row meets the left side, in rows, and the first point of each row, in columns.
+    offset: f32,
+    shifts: Vec<f32>,
+    /// The columns of each row that are points of the light above the tangent plane, up to the second.
+    first: Vec<Counts>,
+    last: Vec<Counts>,
+}
+
+impl Grid {
+    pub(super) fn new(layout: Layout) -> Self {
+        let blocks = layout.rows / LANES;
+        let zero = Counts([0; LANES]);
+        Grid {
+            layout,
+            changes: vec![zero; blocks * (layout.columns + 1)],
+            border: vec![0; layout.rows + 1],
+            offset: 0.0,
+            shifts: vec![0.0; layout.rows],
+            first: vec![zero; blocks],
+            last: vec![zero; blocks],
+        }
+    }
+
+    pub(super) fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    /// Where the first row meets the left side, in rows.
+    pub(super) fn offset(&self) -> f32 {
+        self.offset
+    }
+
+    /// Puts the points where a receiver has them, given two random words of its own.
+    pub(super) fn shift(&mut self, random: [u32; 2]) {
+        let fraction = |bits: u32| (bits >> 8) as f32 * (1.0 / (1 << 24) as f32);
+        self.offset = fraction(random[0]);
+        for (r, shift) in (0u32..).zip(&mut self.shifts) {
+            // The golden section, as a fraction of 2³².
+            *shift = fraction(random[1].wrapping_add(r.wrapping_mul(0x9e37_79b9)));
+        }
+    }
+
+    /// Coordinates in the square of the point at this row and column.
+    pub(super) fn point(&self, [row, column]: [usize; 2]) -> [f64; 2] {
+        let s = f64::from(column as f32 + self.shifts[row]) / self.layout.columns as f64;
+        let y = f64::from(row as f32 + self.offset) - self.layout.fall as f64 * s;
+        [s, y / self.layout.height() as f64]
+    }
+
+    /// Finds the points that are on the light and above the tangent plane with this normal; returns how many.
+    pub(super) fn choose(&mut self, square: &Square, normal: DVec3) -> usize {
+        let columns = self.layout.columns as f32;
+        let (height, fall) = (self.layout.height() as f32, self.layout.fall as f32);
+        // Along a row the second coordinate is `t - slope s`.
+        let slope = fall / height;
+        let [corner, along_s, along_t] =
+            [square.corner, square.sides[0], square.sides[1]].map(|v| normal.dot(v) as f32);
+        let mut count = 0;
+        for r in 0..self.layout.rows {
+            let y = r as f32 + self.offset;
+            let t = y / height;
+            let (mut low, mut high) = (0f32.max((y - height) / fall), 1f32.min(y / fall));
+            if square.disk {
+                let [from, to] = chord(t, slope);
+                (low, high) = (low.max(from), high.min(to));
+            }
+            if normal != DVec3::ZERO {
+                let (rise, start) = (along_s - slope * along_t, corner + t * along_t);
+                let horizon = -start / rise;
+                if rise > 0.0 {
+                    low = low.max(horizon);
+                } else if rise < 0.0 {
+                    high = high.min(horizon);
+                } else if start <= 0.0 {
+                    high = low;
+                }
+            }
+            let shift = self.shifts[r];
+            let first = column(low * columns, shift, self.layout.columns);
+            let last = column(high * columns, shift, self.layout.columns).max(first);
+            self.first[r / LANES].0[r % LANES] = first as i16;
+            self.last[r / LANES].0[r % LANES] = last as i16;
+            count += last - first;
+        }
+        count
+    }
+
+    /// A point on the light above the tangent plane that is far from their borders; there must be one.
+    pub(super) fn middle(&self) -> [usize; 2] {
+        let width =
+            |r: usize| self.last[r / LANES].0[r % LANES] - self.first[r / LANES].0[r % LANES];
+        let row = (0..self.layout.rows).max_by_key(|&r| width(r)).unwrap_or(0);
+        let (first, last) = (
+            self.first[row / LANES].0[row % LANES],
+            self.last[row / LANES].0[row % LANES],
+        );
+        [row, (first as usize + last as usize) / 2]
+    }
+
+    /// The number of rows at or below a height.
+    #[inline(always)]
+    fn rows_below(&self, y: f32) -> usize {
+        if y < 0.0 {
+            0
+        } else {
+            (y as usize + 1).min(self.layout.rows)
+        }
+    }
+
+    /// Adds an edge's image from `a` to `b`, in columns and rows, with `change` more triangles to its left than to its
+    /// right.
+    #[inline(always)]
+    pub(super) fn draw(&mut self, a: [f32; 2], b: [f32; 2], change: i16) {
+        let (start, end) = (self.rows_below(a[1]), self.rows_below(b[1]));
+        let (first, last) = (start.min(end), start.max(end));
+        let upwards = start < end;
+        let across = if upwards { -change } else { change };
+        let slope = (b[0] - a[0]) / (b[1] - a[1]);
+        let (low, high) = (a[0].min(b[0]), a[0].max(b[0]));
+        let columns = self.layout.columns;
+        let mut inside = 0;
+        for r in first..last {
+            let x = (a[0] + (r as f32 - a[1]) * slope).max(low).min(high);
+            if x >= 0.0 {
+                inside += 1;
+                let block = r / LANES * (columns + 1);
+                let at = column(x, self.shifts[r], columns);
+                self.changes[block + at].0[r % LANES] += across;
+            }
+        }
+        let (from_left, to_left) = (a[0] < 0.0, b[0] < 0.0);
+        if from_left != to_left {
+            // The rows that it crosses on the right are the upper ones if it rises to the right.
+            let before = if from_left == upwards {
+                last - inside
+            } else {
+                first + inside
+            };
+            self.border[before] += if from_left { change } else { -change };
+        }
+    }
+
+    /// Forgets all edges.
+    pub(super) fn clear(&mut self) {
+        self.changes.fill(Counts([0; LANES]));
+        self.border.fill(0);
+    }
+
+    /// Makes counts of the changes; returns the lowest one.
+    #[inline(always)]
+    pub(super) fn count<S: Simd>(&mut self, simd: S) -> i16 {
+        let columns = self.layout.columns;
+        let nowhere = i16x16::splat(simd, NOWHERE);
+        let mut lowest = nowhere;
+        let mut below = 0;
+        for (block, changes) in self.changes.chunks_exact_mut(columns + 1).enumerate() {
+            let mut base = Counts([0; LANES]);
+            for (lane, base) in base.0.iter_mut().enumerate() {
+                below += self.border[block * LANES + lane];
+                *base = below;
+            }
+            let mut counts = base.load(simd);
+            let (first, last) = (self.first[block].load(simd), self.last[block].load(simd));
+            for (column, change) in changes[..columns].iter_mut().enumerate() {
+                counts += change.load(simd);
+                let column = i16x16::splat(simd, column as i16);
+                let there = first.simd_le(column) & column.simd_lt(last);
+                let here = there.select(counts, nowhere);
+                change.set(here);
+                lowest = here.simd_lt(lowest).select(here, lowest);
+            }
+        }
+        let mut out = Counts([0; LANES]);
+        out.set(lowest);
+        out.0.iter().copied().fold(NOWHERE, i16::min)
+    }
+
+    /// The points with the lowest count above one, if there are any.
+    #[inline(always)]
+    pub(super) fn next_level<S: Simd>(&self, simd: S, above: i16) -> Option<Level> {
+        let columns = self.layout.columns;
+        let bound = i16x16::splat(simd, above);
+        let mut lowest = i16x16::splat(simd, NOWHERE);
+        for counts in self.changes.chunks_exact(columns + 1) {
+            for counts in &counts[..columns] {
+                let counts = counts.load(simd);
+                let better: mask16x16<S> = bound.simd_lt(counts) & counts.simd_lt(lowest);
+                lowest = better.select(counts, lowest);
+            }
+        }
+        let mut out = Counts([0; LANES]);
+        out.set(lowest);
+        let count = out.0.iter().copied().fold(NOWHERE, i16::min);
+        (count != NOWHERE).then(|| self.level(simd, count))
+    }
+
+    /// The points with a count that some have.
+    #[inline(always)]
+    pub(super) fn level<S: Simd>(&self, simd: S, count: i16) -> Level {
+        let columns = self.layout.columns;
+        let (zero, one) = (i16x16::splat(simd, 0), i16x16::splat(simd, 1));
+        let wanted = i16x16::splat(simd, count);
+        let (mut length, mut place) = (0, [0, 0]);
+        for (block, counts) in self.changes.chunks_exact(columns + 1).enumerate() {
+            let (mut run, mut longest, mut end) = (zero, zero, zero);
+            for (column, counts) in counts[..columns].iter().enumerate() {
+                let at = counts.load(simd).simd_eq(wanted);
+                run = at.select(run + one, zero);
+                let longer = longest.simd_lt(run);
+                longest = longer.select(run, longest);
+                end = longer.select(i16x16::splat(simd, column as i16), end);
+            }
+            let (mut lengths, mut ends) = (Counts([0; LANES]), Counts([0; LANES]));
+            lengths.set(longest);
+            ends.set(end);
+            for lane in 0..LANES {
+                if lengths.0[lane] > length {
+                    length = lengths.0[lane];
+                    place = [block * LANES + lane, (ends.0[lane] - length / 2) as usize];
+                }
+            }
+        }
+        Level { count, place }
+    }
+
+    /// Sums over the points, and over those with the lowest count.
+    ///
+    /// A point's share in visibility is 1 on a flat light and its solid angle on a sphere, its share in irradiance
+    /// the solid angle times the cosine at the receiver (1 without a normal). Both are wanted as a part of all only.
+    #[inline(always)]
+    pub(super) fn sums<S: Simd>(
+        &self,
+        simd: S,
+        lowest: i16,
+        square: &Square,
+        normal: DVec3,
+    ) -> Sums {
+        let columns = self.layout.columns;
+        let (zero, one) = (i16x16::splat(simd, 0), i16x16::splat(simd, 1));
+        let (wanted, nowhere) = (i16x16::splat(simd, lowest), i16x16::splat(simd, NOWHERE));
+        let mut totals = [[0f32; LANES]; 4];
+        for (block, counts) in self.changes.chunks_exact(columns + 1).enumerate() {
+            let row = RowsOfPoints::new(self, block, square, normal);
+            for (part, counts) in counts[..columns].chunks_exact(SHARED).enumerate() {
+                let (mut seen, mut all) = (zero, zero);
+                for counts in counts {
+                    let counts = counts.load(simd);
+                    seen = counts.simd_eq(wanted).select(seen + one, seen);
+                    all = counts.simd_eq(nowhere).select(all, all + one);
+                }
+                let (mut s, mut a) = (Counts([0; LANES]), Counts([0; LANES]));
+                s.set(seen);
+                a.set(all);
+                let middle = (part * SHARED) as f32 + 0.5 * (SHARED - 1) as f32;
+                for lane in 0..LANES {
+                    let [visibility, irradiance] = row.weights(middle, lane);
+                    let (seen, all) = (f32::from(s.0[lane]), f32::from(a.0[lane]));
+                    totals[0][lane] += seen * visibility;
+                    totals[1][lane] += seen * irradiance;
+                    totals[2][lane] += all * visibility;
+                    totals[3][lane] += all * irradiance;
+                }
+            }
+        }
+        let [a, b, c, d] = totals.map(|row| row.iter().sum::<f32>());
+        Sums {
+            lowest: [a, b],
+            all: [c, d],
+        }
+    }
+}
+
+/// The first column at or to the right of a crossing at `x` columns, in a row whose first point is at `shift`.
+#[inline(always)]
+fn column(x: f32, shift: f32, columns: usize) -> usize {
+    let place = x - shift;
+    if place <= 0.0 {
+        return 0;
+    }
+    let whole = place as usize;
+    (whole + usize::from(place > whole as f32)).min(columns)
+}
+
+/// Where a row `t - slope s` is inside of the disk in the unit square.
+fn chord(t: f32, slope: f32) -> [f32; 2] {
+    // (2s - 1)² + (2(t - slope s) - 1)² = 1 for x = 2s - 1: x² + (c - slope x)² = 1 with c = 2t - 1 - slope.
+    let c = 2.0 * t - 1.0 - slope;
+    let a = 1.0 + slope * slope;
+    let root = a - c * c;
+    if root <= 0.0 {
+        return [1.0, 0.0];
+    }
+    let (middle, half) = (slope * c / a, root.sqrt() / a);
+    [0.5 + 0.5 * (middle - half), 0.5 + 0.5 * (middle + half)]
+}
+
+/// Sixteen rows' points in space.
+struct RowsOfPoints {
+    /// The first point's direction from the receiver, and how it changes from column to column.
+    start: [[f32; LANES]; 3],
+    step: [f32; 3],
+    /// The same of the height over the tangent plane.
+    height: [f32; LANES],
+    rise: f32,
+    has_normal: bool,
+    flat: bool,
+}
+
+impl RowsOfPoints {
+    #[inline(always)]
+    fn new(grid: &Grid, block: usize, square: &Square, normal: DVec3) -> Self {
+        let Layout { columns, fall, .. } = grid.layout;
+        let height = grid.layout.height();
+        let per_column = 1.0 / columns as f64;
+        let [along_s, along_t] = square.sides;
+        let step = (along_s - along_t * (fall as f64 / height as f64)) * per_column;
+        let mut rows = RowsOfPoints {
+            start: [[0.0; LANES]; 3],
+            step: step.as_vec3().to_array(),
+            height: [0.0; LANES],
+            rise: normal.dot(step) as f32,
+            has_normal: normal != DVec3::ZERO,
+            flat: square.is_flat(),
+        };
+        // In f32 a column of vectors: start and steps have no more digits than light points have.
+        let (corner, side) = (square.corner.as_vec3(), along_t.as_vec3());
+        let (at_corner, at_side) = (normal.dot(square.corner) as f32, normal.dot(along_t) as f32);
+        for lane in 0..LANES {
+            let r = block * LANES + lane;
+            let t = (r as f32 + grid.offset) / height as f32;
+            let shift = grid.shifts[r];
+            for axis in 0..3 {
+                rows.start[axis][lane] = corner[axis] + t * side[axis] + shift * rows.step[axis];
+            }
+            rows.height[lane] = at_corner + t * at_side + shift * rows.rise;
+        }
+        rows
+    }
+
+    /// Share in visibility and irradiance of the point in this column.
+    #[inline(always)]
+    fn weights(&self, column: f32, lane: usize) -> [f32; 2] {
+        let [x, y, z] = [0, 1, 2].map(|axis| self.start[axis][lane] + column * self.step[axis]);
+        let squared = x * x + y * y + z * z;
+        let distance = squared.sqrt();
+        let height = self.height[lane] + column * self.rise;
+        // The middle of some points may lie beyond the horizon.
+        let above = if self.has_normal {
+            height.max(0.0)
+        } else {
+            distance
+        };
+        let solid_angle = 1.0 / (squared * distance);
+        let visibility = if self.flat { 1.0 } else { solid_angle };
+        [visibility, solid_angle * (above / distance)]
+    }
+}
