@@ -16,11 +16,11 @@
 //! have an error of 0.0010, straight rows have 0.0061, and 1024 points of the sequence that rays use 0.0019; of edges
 //! parallel to a side 0.0003, 0.0089 and 0.0004.
 
-use fearless_simd::{i16x16, mask16x16, prelude::*};
+use fearless_simd::{f32x16, i16x16, mask16x16, prelude::*};
 use glam::DVec3;
 
 use crate::sampling::square::Square;
-use crate::simd::LANES;
+use crate::simd::{LANES, Lanes, Row, bits};
 
 /// Share of the rows by which they fall from the left side to the right one.
 const SLANT: f32 = 0.2;
@@ -113,7 +113,7 @@ pub(super) struct Grid {
     border: Vec<i16>,
     /// Where the first row meets the left side, in rows, and the first point of each row, in columns.
     offset: f32,
-    shifts: Vec<f32>,
+    shifts: Vec<Row>,
     /// The columns of each row that are points of the light above the tangent plane, up to the second.
     first: Vec<Counts>,
     last: Vec<Counts>,
@@ -128,7 +128,7 @@ impl Grid {
             changes: vec![zero; blocks * (layout.columns + 1)],
             border: vec![0; layout.rows + 1],
             offset: 0.0,
-            shifts: vec![0.0; layout.rows],
+            shifts: vec![Row::default(); blocks],
             first: vec![zero; blocks],
             last: vec![zero; blocks],
         }
@@ -147,7 +147,8 @@ impl Grid {
     pub(super) fn shift(&mut self, random: [u32; 2]) {
         let fraction = |bits: u32| (bits >> 8) as f32 * (1.0 / (1 << 24) as f32);
         self.offset = fraction(random[0]);
-        for (r, shift) in (0u32..).zip(&mut self.shifts) {
+        let shifts = self.shifts.iter_mut().flat_map(|row| &mut row.0);
+        for (r, shift) in (0u32..).zip(shifts) {
             // The golden section, as a fraction of 2³².
             *shift = fraction(random[1].wrapping_add(r.wrapping_mul(0x9e37_79b9)));
         }
@@ -155,47 +156,60 @@ impl Grid {
 
     /// Coordinates in the square of the point at this row and column.
     pub(super) fn point(&self, [row, column]: [usize; 2]) -> [f64; 2] {
-        let s = f64::from(column as f32 + self.shifts[row]) / self.layout.columns as f64;
+        let s = f64::from(column as f32 + self.shifts[row / LANES].0[row % LANES])
+            / self.layout.columns as f64;
         let y = f64::from(row as f32 + self.offset) - self.layout.fall as f64 * s;
         [s, y / self.layout.height() as f64]
     }
 
-    /// Finds the points that are on the light and above the tangent plane with this normal; returns how many.
-    pub(super) fn choose(&mut self, square: &Square, normal: DVec3) -> usize {
+    /// Finds the points that are on the light, and above the tangent plane with this normal if it may cut the light;
+    /// returns how many.
+    #[inline(always)]
+    pub(super) fn choose<S: Simd>(
+        &mut self,
+        simd: S,
+        square: &Square,
+        normal: Option<DVec3>,
+    ) -> usize {
         let columns = self.layout.columns as f32;
         let (height, fall) = (self.layout.height() as f32, self.layout.fall as f32);
         // Along a row the second coordinate is `t - slope s`.
         let slope = fall / height;
-        let [corner, along_s, along_t] =
-            [square.corner, square.sides[0], square.sides[1]].map(|v| normal.dot(v) as f32);
+        let horizon = normal.map(|n| Horizon::new(square, n, slope));
         let mut count = 0;
-        for r in 0..self.layout.rows {
-            let y = r as f32 + self.offset;
-            let t = y / height;
-            let (mut low, mut high) = (0f32.max((y - height) / fall), 1f32.min(y / fall));
+        for (block, shift) in self.shifts.iter().enumerate() {
+            let mut y = Row::default();
+            for (lane, y) in y.0.iter_mut().enumerate() {
+                *y = (block * LANES + lane) as f32 + self.offset;
+            }
+            let y = y.load(simd);
+            let t = y * (1.0 / height);
+            let mut low = ((y - height) * (1.0 / fall)).greater(0.0);
+            let mut high = (y * (1.0 / fall)).lesser(1.0);
             if square.disk {
                 let [from, to] = chord(t, slope);
-                (low, high) = (low.max(from), high.min(to));
+                (low, high) = (low.greater(from), high.lesser(to));
             }
-            if normal != DVec3::ZERO {
-                let (rise, start) = (along_s - slope * along_t, corner + t * along_t);
-                let horizon = -start / rise;
-                if rise > 0.0 {
-                    low = low.max(horizon);
-                } else if rise < 0.0 {
-                    high = high.min(horizon);
-                } else if start <= 0.0 {
-                    high = low;
-                }
+            if let Some(horizon) = &horizon {
+                (low, high) = horizon.cut(t, low, high);
             }
-            let shift = self.shifts[r];
-            let first = column(low * columns, shift, self.layout.columns);
-            let last = column(high * columns, shift, self.layout.columns).max(first);
-            self.first[r / LANES].0[r % LANES] = first as i16;
-            self.last[r / LANES].0[r % LANES] = last as i16;
-            count += last - first;
+            let shift = shift.load(simd);
+            let first = (low * columns - shift).greater(0.0).ceil().lesser(columns);
+            let last = (high * columns - shift)
+                .greater(first)
+                .ceil()
+                .lesser(columns);
+            let (mut from, mut to) = (Row::default(), Row::default());
+            from.set(first);
+            to.set(last.greater(first));
+            for lane in 0..LANES {
+                let (from, to) = (from.0[lane] as i16, to.0[lane] as i16);
+                self.first[block].0[lane] = from;
+                self.last[block].0[lane] = to;
+                count += to - from;
+            }
         }
-        count
+        count as usize
     }
 
     /// A point on the light above the tangent plane that is far from their borders; there must be one.
@@ -237,7 +251,7 @@ impl Grid {
             if x >= 0.0 {
                 inside += 1;
                 let block = r / LANES * (columns + 1);
-                let at = column(x, self.shifts[r], columns);
+                let at = column(x, self.shifts[r / LANES].0[r % LANES], columns);
                 self.changes[block + at].0[r % LANES] += across;
             }
         }
@@ -351,9 +365,10 @@ impl Grid {
         let columns = self.layout.columns;
         let (zero, one) = (i16x16::splat(simd, 0), i16x16::splat(simd, 1));
         let (wanted, nowhere) = (i16x16::splat(simd, lowest), i16x16::splat(simd, NOWHERE));
-        let mut totals = [[0f32; LANES]; 4];
+        let floats = f32x16::splat(simd, 0.0);
+        let mut totals = [floats; 4];
         for (block, counts) in self.changes.chunks_exact(columns + 1).enumerate() {
-            let row = RowsOfPoints::new(self, block, square, normal);
+            let row = RowsOfPoints::new(simd, self, block, square, normal);
             for (part, counts) in counts[..columns].chunks_exact(SHARED).enumerate() {
                 let (mut seen, mut all) = (zero, zero);
                 for counts in counts {
@@ -361,26 +376,37 @@ impl Grid {
                     seen = counts.simd_eq(wanted).select(seen + one, seen);
                     all = counts.simd_eq(nowhere).select(all, all + one);
                 }
-                let (mut s, mut a) = (Counts([0; LANES]), Counts([0; LANES]));
-                s.set(seen);
-                a.set(all);
+                let (seen, all) = (to_floats(simd, seen), to_floats(simd, all));
                 let middle = (part * SHARED) as f32 + 0.5 * (SHARED - 1) as f32;
-                for lane in 0..LANES {
-                    let [visibility, irradiance] = row.weights(middle, lane);
-                    let (seen, all) = (f32::from(s.0[lane]), f32::from(a.0[lane]));
-                    totals[0][lane] += seen * visibility;
-                    totals[1][lane] += seen * irradiance;
-                    totals[2][lane] += all * visibility;
-                    totals[3][lane] += all * irradiance;
-                }
+                let [visibility, irradiance] = row.weights(middle);
+                totals[0] += seen * visibility;
+                totals[1] += seen * irradiance;
+                totals[2] += all * visibility;
+                totals[3] += all * irradiance;
             }
         }
-        let [a, b, c, d] = totals.map(|row| row.iter().sum::<f32>());
+        let mut out = [0.0; 4];
+        for (out, total) in out.iter_mut().zip(totals) {
+            let mut row = Row::default();
+            row.set(total);
+            *out = row.0.iter().sum::<f32>();
+        }
+        let [a, b, c, d] = out;
         Sums {
             lowest: [a, b],
             all: [c, d],
         }
     }
+}
+
+#[inline(always)]
+fn to_floats<S: Simd>(simd: S, counts: i16x16<S>) -> f32x16<S> {
+    let (mut whole, mut out) = (Counts([0; LANES]), Row::default());
+    whole.set(counts);
+    for lane in 0..LANES {
+        out.0[lane] = f32::from(whole.0[lane]);
+    }
+    out.load(simd)
 }
 
 /// The first column at or to the right of a crossing at `x` columns, in a row whose first point is at `shift`.
@@ -394,77 +420,124 @@ fn column(x: f32, shift: f32, columns: usize) -> usize {
     (whole + usize::from(place > whole as f32)).min(columns)
 }
 
-/// Where a row `t - slope s` is inside of the disk in the unit square.
-fn chord(t: f32, slope: f32) -> [f32; 2] {
+/// Where rows `t - slope s` are inside of the disk in the unit square.
+#[inline(always)]
+fn chord<S: Simd>(t: f32x16<S>, slope: f32) -> [f32x16<S>; 2] {
     // (2s - 1)² + (2(t - slope s) - 1)² = 1 for x = 2s - 1: x² + (c - slope x)² = 1 with c = 2t - 1 - slope.
-    let c = 2.0 * t - 1.0 - slope;
+    let c = t * 2.0 - (1.0 + slope);
     let a = 1.0 + slope * slope;
     let root = a - c * c;
-    if root <= 0.0 {
-        return [1.0, 0.0];
+    let (middle, half) = (c * (slope / a), root.greater(0.0).sqrt() * (1.0 / a));
+    let passes = bits(root.simd_gt(0.0));
+    [
+        (middle - half + 1.0).where_bits(passes, 2.0) * 0.5,
+        (middle + half + 1.0).where_bits(passes, 0.0) * 0.5,
+    ]
+}
+
+/// The height over the tangent plane of a row's points, `start + t side + s rise`.
+struct Horizon {
+    start: f32,
+    side: f32,
+    rise: f32,
+}
+
+impl Horizon {
+    fn new(square: &Square, normal: DVec3, slope: f32) -> Self {
+        let [start, along, side] =
+            [square.corner, square.sides[0], square.sides[1]].map(|v| normal.dot(v));
+        Horizon {
+            start: start as f32,
+            side: side as f32,
+            rise: (along - f64::from(slope) * side) as f32,
+        }
     }
-    let (middle, half) = (slope * c / a, root.sqrt() / a);
-    [0.5 + 0.5 * (middle - half), 0.5 + 0.5 * (middle + half)]
+
+    /// What of the rows between two ends is above the plane.
+    #[inline(always)]
+    fn cut<S: Simd>(
+        &self,
+        t: f32x16<S>,
+        low: f32x16<S>,
+        high: f32x16<S>,
+    ) -> (f32x16<S>, f32x16<S>) {
+        let start = t * self.side + self.start;
+        if self.rise == 0.0 {
+            return (low, high.where_bits(start.gt(0.0), low));
+        }
+        let at = start / -self.rise;
+        if self.rise > 0.0 {
+            (low.greater(at), high)
+        } else {
+            (low, high.lesser(at))
+        }
+    }
 }
 
 /// Sixteen rows' points in space.
-struct RowsOfPoints {
-    /// The first point's direction from the receiver, and how it changes from column to column.
-    start: [[f32; LANES]; 3],
+struct RowsOfPoints<S: Simd> {
+    /// The first points' directions from the receiver, and how they change from column to column.
+    start: [f32x16<S>; 3],
     step: [f32; 3],
     /// The same of the height over the tangent plane.
-    height: [f32; LANES],
+    height: f32x16<S>,
     rise: f32,
     has_normal: bool,
     flat: bool,
 }
 
-impl RowsOfPoints {
+impl<S: Simd> RowsOfPoints<S> {
     #[inline(always)]
-    fn new(grid: &Grid, block: usize, square: &Square, normal: DVec3) -> Self {
+    fn new(simd: S, grid: &Grid, block: usize, square: &Square, normal: DVec3) -> Self {
         let Layout { columns, fall, .. } = grid.layout;
         let height = grid.layout.height();
-        let per_column = 1.0 / columns as f64;
         let [along_s, along_t] = square.sides;
-        let step = (along_s - along_t * (fall as f64 / height as f64)) * per_column;
-        let mut rows = RowsOfPoints {
-            start: [[0.0; LANES]; 3],
-            step: step.as_vec3().to_array(),
-            height: [0.0; LANES],
-            rise: normal.dot(step) as f32,
-            has_normal: normal != DVec3::ZERO,
-            flat: square.is_flat(),
-        };
-        // In f32 a column of vectors: start and steps have no more digits than light points have.
+        let step = (along_s - along_t * (fall as f64 / height as f64)) / columns as f64;
+        let rise = normal.dot(step) as f32;
+        let step = step.as_vec3().to_array();
+        // In f32: the points' weights need no more digits.
         let (corner, side) = (square.corner.as_vec3(), along_t.as_vec3());
         let (at_corner, at_side) = (normal.dot(square.corner) as f32, normal.dot(along_t) as f32);
-        for lane in 0..LANES {
-            let r = block * LANES + lane;
-            let t = (r as f32 + grid.offset) / height as f32;
-            let shift = grid.shifts[r];
-            for axis in 0..3 {
-                rows.start[axis][lane] = corner[axis] + t * side[axis] + shift * rows.step[axis];
-            }
-            rows.height[lane] = at_corner + t * at_side + shift * rows.rise;
+        let mut t = Row::default();
+        for (lane, t) in t.0.iter_mut().enumerate() {
+            *t = ((block * LANES + lane) as f32 + grid.offset) / height as f32;
         }
-        rows
+        let (t, shift) = (t.load(simd), grid.shifts[block].load(simd));
+        RowsOfPoints {
+            start: [
+                t * side.x + shift * step[0] + corner.x,
+                t * side.y + shift * step[1] + corner.y,
+                t * side.z + shift * step[2] + corner.z,
+            ],
+            step,
+            height: t * at_side + shift * rise + at_corner,
+            rise,
+            has_normal: normal != DVec3::ZERO,
+            flat: square.is_flat(),
+        }
     }
 
-    /// Share in visibility and irradiance of the point in this column.
+    /// Share in visibility and irradiance of the points in this column.
     #[inline(always)]
-    fn weights(&self, column: f32, lane: usize) -> [f32; 2] {
-        let [x, y, z] = [0, 1, 2].map(|axis| self.start[axis][lane] + column * self.step[axis]);
+    fn weights(&self, column: f32) -> [f32x16<S>; 2] {
+        let x = self.start[0] + column * self.step[0];
+        let y = self.start[1] + column * self.step[1];
+        let z = self.start[2] + column * self.step[2];
         let squared = x * x + y * y + z * z;
+        let one = f32x16::splat(squared.simd, 1.0);
+        if self.flat && self.has_normal {
+            let height = self.height + column * self.rise;
+            // The middle of some points may lie beyond the horizon.
+            return [one, height.greater(0.0) / (squared * squared)];
+        }
         let distance = squared.sqrt();
-        let height = self.height[lane] + column * self.rise;
-        // The middle of some points may lie beyond the horizon.
-        let above = if self.has_normal {
-            height.max(0.0)
+        let solid_angle = one / (squared * distance);
+        let visibility = if self.flat { one } else { solid_angle };
+        if self.has_normal {
+            let height = self.height + column * self.rise;
+            [visibility, solid_angle * (height.greater(0.0) / distance)]
         } else {
-            distance
-        };
-        let solid_angle = 1.0 / (squared * distance);
-        let visibility = if self.flat { 1.0 } else { solid_angle };
-        [visibility, solid_angle * (above / distance)]
+            [visibility, solid_angle]
+        }
     }
 }

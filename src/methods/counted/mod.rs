@@ -360,7 +360,9 @@ impl PreparedCounted {
         }
         let square = light.sampler.square(p);
         s.grid.shift(self.seed.scramble(index));
-        if s.grid.choose(&square, normal) == 0 {
+        let cuts = (unshadowed[0] < 1.0).then_some(normal);
+        let grid = &mut s.grid;
+        if dispatch!(detect(), simd => grid.choose(simd, &square, cuts)) == 0 {
             // Less of the light is above the tangent plane than any light point stands for.
             return Counting::Nothing;
         }
