@@ -98,10 +98,10 @@ fn sides<S: Simd>(to_end: &[f32x16<S>; 3], normal: &[f32x16<S>; 3], doubt: f32x1
     [along.lt(doubt * -1.0), doubt.lt(along)]
 }
 
-/// Rows at or below a height, but for one; below none of them the same for all.
+/// The last row at or below a height, within a row of those between the first and the last that matter.
 #[inline(always)]
-fn row_of<S: Simd>(y: f32x16<S>, rows: f32) -> f32x16<S> {
-    y.floor().greater(-1.0).lesser(rows - 1.0)
+fn row_of<S: Simd>(y: f32x16<S>, [first, last]: [f32; 2]) -> f32x16<S> {
+    y.floor().greater(first - 1.0).lesser(last)
 }
 
 #[inline(always)]
@@ -113,6 +113,12 @@ fn draw_lanes<S: Simd>(
     grid: &mut Grid,
 ) -> bool {
     let zero = f32x16::splat(simd, 0.0);
+    let range = grid.range();
+    if range.is_empty() {
+        return true;
+    }
+    let ends = [range.start as f32, (range.end - 1) as f32];
+    let (reach, corner) = grid.border_reach();
     let (columns, rows) = (grid.layout().columns as f32, grid.layout().rows as f32);
     let origin = splat(simd, view.origin);
     let (u, v, w) = (
@@ -132,8 +138,7 @@ fn draw_lanes<S: Simd>(
         let b = minus(&load(simd, &block.ends[1]), &origin);
         let (ua, va, wa) = (dot(&a, &u), dot(&a, &v), dot(&a, &w));
         let (ub, vb, wb) = (dot(&b, &u), dot(&b, &v), dot(&b, &w));
-        // Wholly beside the square, behind the receiver or behind the light. What is beside the square to the left,
-        // to the right, above or below crosses no row there, and no part of the left side between rows.
+        // Wholly beside all rows, behind the receiver or behind the light.
         let outside = ua.lt(zero) & ub.lt(zero)
             | va.lt(zero) & vb.lt(zero)
             | (wa * columns).lt(ua) & (wb * columns).lt(ub)
@@ -155,8 +160,11 @@ fn draw_lanes<S: Simd>(
         let (xa, ya, xb, yb) = (ua / wa, va / wa, ub / wb, vb / wb);
         let near = xa.abs().le(FAR) & ya.abs().le(FAR) & xb.abs().le(FAR) & yb.abs().le(FAR);
         let whole = near & zero.lt(wa) & zero.lt(wb) & wa.lt(view.front) & wb.lt(view.front);
-        let (row_a, row_b) = (row_of(ya, rows), row_of(yb, rows));
-        let crosses = row_a.lt(row_b) | row_b.lt(row_a) | (xa.lt(zero) ^ xb.lt(zero));
+        let (row_a, row_b) = (row_of(ya, ends), row_of(yb, ends));
+        // Between two rows it matters only if it crosses the border there.
+        let leftmost = xa.lesser(xb);
+        let by_border = leftmost.lt(reach[0]) | row_a.ge(corner) & leftmost.lt(reach[1]);
+        let crosses = row_a.lt(row_b) | row_b.lt(row_a) | by_border;
         let change = |lane: usize| {
             let side = |of: &[u16; 2]| (of[0] >> lane & 1) as i16 - (of[1] >> lane & 1) as i16;
             view.hand * (side(&one) - side(&two))
