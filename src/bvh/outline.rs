@@ -208,14 +208,14 @@ impl Outline {
     }
 
     /// Hands to `take` the edges in the shaft that can be silhouette edges for one of its receivers.
-    /// Returns false, having stopped early, when there are more than `limit`.
+    /// It returns what each costs; returns false, having stopped early, when there are more than cost `limit`.
     pub fn candidates(
         &self,
         nodes: &[Node],
         shaft: &Shaft,
         limit: usize,
         stack: &mut Vec<u32>,
-        take: &mut impl FnMut(&EdgePlanes, [EdgeFace; 2]),
+        take: &mut impl FnMut(&EdgePlanes, [EdgeFace; 2]) -> usize,
     ) -> bool {
         dispatch!(detect(), simd => candidates_lanes(simd, self, nodes, shaft, limit, stack, take))
     }
@@ -236,7 +236,7 @@ fn candidates_lanes<S: Simd>(
     shaft: &Shaft,
     limit: usize,
     stack: &mut Vec<u32>,
-    take: &mut impl FnMut(&EdgePlanes, [EdgeFace; 2]),
+    take: &mut impl FnMut(&EdgePlanes, [EdgeFace; 2]) -> usize,
 ) -> bool {
     let mut taken = 0;
     stack.clear();
@@ -259,11 +259,10 @@ fn candidates_lanes<S: Simd>(
         for e in outline.range_of(node) {
             let edge = &outline.edges[e];
             if shaft.sees_edge(simd, edge) {
-                if taken == limit {
+                if taken >= limit {
                     return false;
                 }
-                taken += 1;
-                take(edge, outline.faces[e]);
+                taken += take(edge, outline.faces[e]);
             }
         }
     }

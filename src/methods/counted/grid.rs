@@ -12,11 +12,11 @@
 //! the bit for all edges that meet there. So what is counted is the depth complexity of triangles whose sides were
 //! moved by rounding and nothing else, and it does not depend on the way from one point to another.
 //!
-//! **Rows are slanted** by a fifth, since edges parallel to the rows would all be rounded to whole rows, and those of
-//! buildings are parallel to a light's sides. Points of a row are shifted by a golden section from those of the row
-//! before. Of straight edges in random directions 32 rows of 64 points (26 and 52 of which are within the square)
-//! have an error of 0.0010, straight rows have 0.0061, and 1024 points of the sequence that rays use 0.0019; of edges
-//! parallel to a side 0.0003, 0.0089 and 0.0004.
+//! **Rows are slanted** by a fifth, since edges parallel to the rows are all rounded to whole rows, and those of
+//! buildings are parallel to a light's sides. Points of a row are shifted from those of the others by the radical
+//! inverse of its number. Of straight edges in random directions over a square 1664 such points, 26 rows a side, have
+//! an error of 0.0014, rows that are not slanted one of 0.0063, and 1024 points of the sequence that rays use 0.0019; of
+//! edges parallel to a side 0.0005, 0.0088 and 0.0004.
 
 use std::ops::Range;
 
@@ -161,8 +161,7 @@ impl Grid {
         self.offset = fraction(random[0]);
         let shifts = self.shifts.iter_mut().flat_map(|row| &mut row.0);
         for (r, shift) in (0u32..).zip(shifts) {
-            // The golden section, as a fraction of 2³².
-            *shift = fraction(random[1].wrapping_add(r.wrapping_mul(0x9e37_79b9)));
+            *shift = fraction(random[1].wrapping_add(r.reverse_bits()));
         }
     }
 

@@ -152,9 +152,11 @@ impl Group {
         let nodes = &bvh.tree.nodes;
         let edges = &mut self.edges;
         let most = most - edges.len();
-        outline.candidates(nodes, shaft, most, &mut self.stack, &mut |edge, _| {
-            edges.push(*edge)
-        })
+        let mut take = |edge: &EdgePlanes, _| {
+            edges.push(*edge);
+            1
+        };
+        outline.candidates(nodes, shaft, most, &mut self.stack, &mut take)
     }
 
     /// What edges cover of the light that receiver `k` sees.
