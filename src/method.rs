@@ -20,6 +20,8 @@ pub struct Shading {
     /// Where the method weights its own samples; otherwise it is the unshadowed irradiance times visibility over the
     /// part of the light above the tangent plane.
     pub irradiance: Option<Irradiance>,
+    /// How many receivers a method answered by rays to all their light samples where that is not its way.
+    pub by_rays: usize,
 }
 
 /// What a method finds of the light that arrives.

@@ -13,6 +13,7 @@ use softshadow::light::falloff::Falloff;
 use softshadow::method::{Method, Overlap};
 use softshadow::methods::accumulation::{Accumulation, Content};
 use softshadow::methods::convolution::Convolution;
+use softshadow::methods::counted::Counted;
 use softshadow::methods::filtered::deep::DeepShadow;
 use softshadow::methods::filtered::pcf::Pcf;
 use softshadow::methods::filtered::{Estimate, FilterSettings};
@@ -175,6 +176,14 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         ("ray_traced", Box::new(ray_traced(true, None))),
         ("ray_traced, no culling", Box::new(ray_traced(false, None))),
         ("ray_traced, error", Box::new(ray_traced(true, Some(0.02)))),
+        (
+            "counted",
+            Box::new(Counted {
+                samples: 256,
+                rays: 64,
+                seed: 3,
+            }),
+        ),
         (
             "shadow_volume",
             Box::new(ShadowVolume {

@@ -11,7 +11,7 @@ from softshadow.methods import resolve
 
 MAP_NAMES = ("ssoc", "slsm", "mlsm", "mtsm", "mvsm", "pcf", "deep")
 """Those that look at the scene from the light, at a ``resolution``; all of them take points."""
-AT_POINTS = ("hard", "ray_traced", "single_sample", *MAP_NAMES)
+AT_POINTS = ("hard", "ray_traced", "counted", "single_sample", *MAP_NAMES)
 
 
 def methods(

@@ -18,7 +18,7 @@ from small_methods import MAP_NAMES, methods
 SINE = 0.05
 DISTANCES = (127.0, 135.0, 1e6, 1e12, 1e60)
 MAPS = methods(MAP_NAMES, resolution=256)
-OTHERS = ("hard", "single_sample", "shadow_volume", "wedges", "accumulation")
+OTHERS = ("hard", "counted", "single_sample", "shadow_volume", "wedges", "accumulation")
 DIRECTIONS = {"above": (0, 0, 1), "slanted": (0.5, 0.3, 0.8)}
 KINDS = ("rect", "disk", "tilted", "sphere")
 CAMERA = ss.Camera((0.3, -2.2, 1.6), (0, 0, 0.15), width=48, height=48)

@@ -113,6 +113,7 @@ RANGES = {
     "layers": (1, 64),
     "max_size": (1, 8192),
     "quads": (1, 256),
+    "rays": (1, 65536),
     "resets": (0, 64),
     "resolution": (16, 16384),
     "samples": (1, 65536),

@@ -35,6 +35,7 @@ from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
     Accumulation,
     Convolution,
+    Counted,
     DeepShadow,
     Hard,
     Method,
@@ -72,6 +73,7 @@ __all__ = [
     "Case",
     "Comparison",
     "Convolution",
+    "Counted",
     "Curves",
     "DeepShadow",
     "DiskLight",

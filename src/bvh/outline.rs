@@ -7,29 +7,39 @@
 //!
 //! Every edge is stored with one of its triangles. A node of the tree knows a cone that holds the
 //! normals of all triangles at its edges; where the whole group is in front of all of them, or behind
-//! all, the node has no silhouette edge (Sander, Gu, Gortler, Hoppe and Snyder 2000). Edges without
-//! exactly two proper triangles always count.
+//! all, the node has no silhouette edge (Sander, Gu, Gortler, Hoppe and Snyder 2000). An edge of more
+//! than two triangles is stored as several, of two triangles each but for one that may be left; an edge of
+//! one proper triangle always counts.
+//!
+//! **Depth complexity.** How many triangles a line from a receiver to a light point crosses changes, where the
+//! line moves across an edge, by what the triangles at it say: with `s = 1` in front of a triangle and `s = -1`
+//! behind it, by the sum of `s` over triangles that run through the edge forwards less that over the others.
+//! The normals of an edge's two triangles are stored so that this is `s₀ - s₁` (a normal is turned where both
+//! run the same way), which is 0 where the surface goes on.
+
+use std::ops::Range;
 
 use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::TriangleBvh;
+use super::edge_faces::{EdgeFace, pairs};
 use super::tree::Node;
 use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
 use crate::light::Light;
 use crate::simd::{LANES, Lanes, Level, Row, detect};
 
-/// An edge with the normals of its two triangles; zero normals where there are not two proper ones, so
-/// that every point is within doubt of their planes.
+/// An edge with the normals of its two triangles; a zero normal where there is no proper one, so
+/// that every point is within doubt of its plane.
 ///
 /// Vectors, not indices of vertices and triangles, which would be four more places to look for a candidate.
 #[derive(Debug, Clone, Copy)]
 pub struct EdgePlanes {
     /// Its ends.
     pub ends: [Vec3; 2],
-    /// Unit normals, both to the same side of the surface.
+    /// Unit normals, both to the same side of the surface if it goes on here.
     pub normals: [Vec3; 2],
 }
 
@@ -37,7 +47,7 @@ impl EdgePlanes {
     /// The cone of its normals.
     fn cone(&self) -> Cone {
         let [one, two] = self.normals;
-        if one == Vec3::ZERO {
+        if one == Vec3::ZERO || two == Vec3::ZERO {
             return Cone::ALL;
         }
         let around = |axis: Vec3| Cone { axis, cos: 1.0 };
@@ -99,6 +109,8 @@ impl Cone {
 #[derive(Debug, Clone)]
 pub struct Outline {
     edges: Vec<EdgePlanes>,
+    /// The two triangles of each.
+    faces: Vec<[EdgeFace; 2]>,
     /// First edge of every triangle in leaf order, and the end.
     first: Vec<u32>,
     cones: Vec<Option<Cone>>,
@@ -118,43 +130,43 @@ impl Outline {
             .map(|&f| normal(geometry.corners(f)))
             .collect();
         // Edges of every mesh that casts, each at the first of its triangles in leaf order.
-        let mut owned: Vec<(u32, EdgePlanes)> = Vec::new();
+        let mut owned: Vec<(u32, EdgePlanes, [EdgeFace; 2])> = Vec::new();
         for mesh in &geometry.meshes {
             if place[mesh.first_face as usize] == u32::MAX {
                 continue;
             }
             let adjacency = mesh.mesh.adjacency();
-            let found = adjacency.edges().par_iter().enumerate().map(|(e, ends)| {
-                let at = adjacency.incident(e);
-                let leaf = |i: usize| place[(at[i].face + mesh.first_face) as usize];
-                let owner = (0..at.len()).map(leaf).min().unwrap_or(u32::MAX);
-                let pair = at.len() == 2 && at[0].forward != at[1].forward;
-                let both = if pair {
-                    [0, 1].map(|i| normals[leaf(i) as usize])
-                } else {
-                    [Vec3::ZERO; 2]
-                };
-                let proper = both[0] != Vec3::ZERO && both[1] != Vec3::ZERO;
-                let edge = EdgePlanes {
-                    ends: ends.map(|v| geometry.positions[(v + mesh.first_vertex) as usize]),
-                    normals: if proper { both } else { [Vec3::ZERO; 2] },
-                };
-                (owner, edge)
-            });
+            let leaf = |face: u32| place[(face + mesh.first_face) as usize];
+            let found = (0..adjacency.edges().len())
+                .into_par_iter()
+                .flat_map_iter(|e| {
+                    let ends = adjacency.edges()[e]
+                        .map(|v| geometry.positions[(v + mesh.first_vertex) as usize]);
+                    let (one, more) = pairs(adjacency.incident(e), leaf, &normals);
+                    one.into_iter()
+                        .chain(more)
+                        .map(move |(owner, normals, faces)| {
+                            (owner, EdgePlanes { ends, normals }, faces)
+                        })
+                });
             owned.par_extend(found);
         }
         // Stable, so that a triangle's edges stay in the order of the adjacency.
-        owned.par_sort_by_key(|&(owner, _)| owner);
+        owned.par_sort_by_key(|&(owner, ..)| owner);
         let mut first = vec![0u32; bvh.faces.len() + 1];
-        for &(owner, _) in &owned {
+        for &(owner, ..) in &owned {
             first[owner as usize + 1] += 1;
         }
         for k in 0..bvh.faces.len() {
             first[k + 1] += first[k];
         }
-        let edges: Vec<EdgePlanes> = owned.into_par_iter().map(|(_, edge)| edge).collect();
+        let (edges, faces) = owned
+            .into_par_iter()
+            .map(|(_, edge, faces)| (edge, faces))
+            .unzip();
         let mut outline = Outline {
             edges,
+            faces,
             first,
             cones: Vec::new(),
         };
@@ -184,29 +196,33 @@ impl Outline {
 
     /// Edges of a leaf; nothing for an inner node.
     fn edges_of(&self, node: &Node) -> &[EdgePlanes] {
-        if node.count == 0 {
-            return &[];
-        }
-        let [first, end] = [node.first, node.first + node.count].map(|t| self.first[t as usize]);
-        &self.edges[first as usize..end as usize]
+        &self.edges[self.range_of(node)]
     }
 
-    /// Adds to `out` the edges in the shaft that can be silhouette edges for one of its receivers.
-    /// Returns false, having stopped early, when there are more than `limit`.
+    fn range_of(&self, node: &Node) -> Range<usize> {
+        if node.count == 0 {
+            return 0..0;
+        }
+        let [first, end] = [node.first, node.first + node.count].map(|t| self.first[t as usize]);
+        first as usize..end as usize
+    }
+
+    /// Hands to `take` the edges in the shaft that can be silhouette edges for one of its receivers.
+    /// It returns what each costs; returns false, having stopped early, when there are more than cost `limit`.
     pub fn candidates(
         &self,
         nodes: &[Node],
         shaft: &Shaft,
         limit: usize,
         stack: &mut Vec<u32>,
-        out: &mut Vec<EdgePlanes>,
+        take: &mut impl FnMut(&EdgePlanes, [EdgeFace; 2]) -> usize,
     ) -> bool {
-        dispatch!(detect(), simd => candidates_lanes(simd, self, nodes, shaft, limit, stack, out))
+        dispatch!(detect(), simd => candidates_lanes(simd, self, nodes, shaft, limit, stack, take))
     }
 
     /// Bytes of edges and cones.
     pub fn bytes(&self) -> usize {
-        self.edges.len() * size_of::<EdgePlanes>()
+        self.edges.len() * (size_of::<EdgePlanes>() + size_of::<[EdgeFace; 2]>())
             + self.first.len() * 4
             + self.cones.len() * size_of::<Option<Cone>>()
     }
@@ -220,8 +236,9 @@ fn candidates_lanes<S: Simd>(
     shaft: &Shaft,
     limit: usize,
     stack: &mut Vec<u32>,
-    out: &mut Vec<EdgePlanes>,
+    take: &mut impl FnMut(&EdgePlanes, [EdgeFace; 2]) -> usize,
 ) -> bool {
+    let mut taken = 0;
     stack.clear();
     if !nodes.is_empty() {
         stack.push(0);
@@ -239,12 +256,13 @@ fn candidates_lanes<S: Simd>(
             stack.extend([node.first, i + 1]);
             continue;
         }
-        for edge in outline.edges_of(node) {
+        for e in outline.range_of(node) {
+            let edge = &outline.edges[e];
             if shaft.sees_edge(simd, edge) {
-                if out.len() == limit {
+                if taken >= limit {
                     return false;
                 }
-                out.push(*edge);
+                taken += take(edge, outline.faces[e]);
             }
         }
     }

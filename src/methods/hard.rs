@@ -68,6 +68,7 @@ impl Prepared for PreparedHard {
         Ok(Shading {
             visibility,
             irradiance: None,
+            by_rays: 0,
         })
     }
 

@@ -2,6 +2,7 @@
 //!
 //! - [`accumulation`]: averaged hard-shadow textures;
 //! - [`convolution`]: hard shadows convolved with the light's image;
+//! - [`counted`]: silhouettes counted over the light, one ray a receiver;
 //! - [`filtered`]: percentage-closer soft shadows and deep shadow maps;
 //! - [`hard`]: one shadow ray to the light's centre;
 //! - [`layered`]: ray-traced multilayer shadow maps;
@@ -16,6 +17,7 @@
 
 pub mod accumulation;
 pub mod convolution;
+pub mod counted;
 pub mod filtered;
 pub mod hard;
 pub mod layered;

@@ -103,6 +103,7 @@ struct FrameArrays {
     mesh_id: Vec<i32>,
     triangle_id: Vec<i32>,
     seconds: Vec<(&'static str, f64)>,
+    by_rays: f64,
 }
 
 /// Values that one task looks at.
@@ -204,6 +205,7 @@ impl PyPrepared {
             .collect();
         out.set_item("seconds", dictionary(py, &all)?)?;
         out.set_item("bytes", self.0.method.bytes())?;
+        out.set_item("by_rays", frame.by_rays)?;
         Ok(out)
     }
 
@@ -289,6 +291,8 @@ impl Ready {
         }
         let mut frame = self.pixel_arrays(&camera, &surface, &receivers, &shadings);
         frame.check_finite(camera.width as usize)?;
+        let answered: usize = shadings.iter().map(|s| s.by_rays).sum();
+        frame.by_rays = answered as f64 / (lights * receivers.len()).max(1) as f64;
         frame.seconds = vec![
             ("frame", start.elapsed().as_secs_f64()),
             ("receivers", receivers_seconds),
@@ -388,6 +392,7 @@ impl Ready {
                 mesh_id: written(mesh_id),
                 triangle_id: written(triangle_id),
                 seconds: Vec::new(),
+                by_rays: 0.0,
             }
         }
     }

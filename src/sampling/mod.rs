@@ -22,6 +22,8 @@
 //! - `fill`: the map from points of the square to light points and weights, sixteen points at once;
 //! - `samples`: the light points of one receiver, [`LightSamples`];
 //! - `shared`: the light points of a region of receivers, [`SharedPoint`];
+//! - [`square`]: where in space the square of a [`LightProjection`] lies;
+//! - [`tracing`]: segments from receivers to light points against what casts;
 //! - `cells`: the grid of cells over the light's outline, as in a [`LightProjection`].
 
 mod cells;
@@ -30,6 +32,8 @@ mod pattern;
 mod samples;
 mod shapes;
 mod shared;
+pub mod square;
+pub mod tracing;
 
 use std::f64::consts::PI;
 

@@ -179,6 +179,7 @@ impl<P: Painter> Prepared for Pictures<P> {
         Ok(Shading {
             visibility: values.iter().map(|v| v[0]).collect(),
             irradiance: radiance.then(|| Irradiance::Whole(values.iter().map(|v| v[1]).collect())),
+            by_rays: 0,
         })
     }
 

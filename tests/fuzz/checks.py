@@ -373,6 +373,7 @@ POINTS_OFF = 0.05
 # lost shadows only.
 ERROR = {
     "ray_traced": 0.03,
+    "counted": 0.03,
     "wedges": 0.03,
     "ssoc": 0.35,
     "slsm": 0.08,

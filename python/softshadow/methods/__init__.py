@@ -3,6 +3,7 @@
 from softshadow.methods.accumulation import Accumulation
 from softshadow.methods.base import Method
 from softshadow.methods.convolution import Convolution
+from softshadow.methods.counted import Counted
 from softshadow.methods.filtered import DeepShadow, Pcf
 from softshadow.methods.hard import Hard
 from softshadow.methods.layered import Mlsm, Mtsm, Slsm
@@ -16,6 +17,7 @@ from softshadow.methods.wedges import ShadowVolume, Wedges
 __all__ = [
     "Accumulation",
     "Convolution",
+    "Counted",
     "DeepShadow",
     "Hard",
     "Method",

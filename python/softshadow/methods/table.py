@@ -7,6 +7,7 @@ from typing import TypeAlias
 from softshadow.methods.accumulation import Accumulation
 from softshadow.methods.base import Method
 from softshadow.methods.convolution import Convolution
+from softshadow.methods.counted import Counted
 from softshadow.methods.filtered import DeepShadow, Pcf
 from softshadow.methods.hard import Hard
 from softshadow.methods.layered import Mlsm, Mtsm, Slsm
@@ -23,6 +24,7 @@ METHODS: dict[str, type[Method]] = {
     for m in (
         Accumulation,
         Convolution,
+        Counted,
         DeepShadow,
         Hard,
         Mlsm,

@@ -12,7 +12,7 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8
 """Of Okabe and Ito (2008), but a yellow that is dark enough for lines on white; black is
 Mitsuba's and the reference's."""
 
-_MARKERS = "osD^vPX<>ph*dH"
+_MARKERS = "osD^vPX<>ph*dH8"
 
 MITSUBA = "mitsuba"
 """What the names of Mitsuba's rows begin with."""

@@ -225,6 +225,7 @@ impl LightMaps {
         Ok(Shading {
             visibility,
             irradiance: None,
+            by_rays: 0,
         })
     }
 }

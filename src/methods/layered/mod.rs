@@ -575,6 +575,7 @@ impl Prepared for PreparedLayered {
         Ok(Shading {
             visibility,
             irradiance: None,
+            by_rays: 0,
         })
     }
 

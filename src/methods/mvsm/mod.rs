@@ -379,6 +379,7 @@ impl Prepared for PreparedMvsm {
         Ok(Shading {
             visibility,
             irradiance: None,
+            by_rays: 0,
         })
     }
 

@@ -13,6 +13,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::method::{Irradiance, Shading};
 use crate::receivers::Receivers;
+use crate::sampling::tracing::Sums;
 use crate::sampling::{Pattern, Sampler};
 
 /// Least error that may be asked: below, the visibility's own steps would decide.
@@ -70,6 +71,7 @@ impl PreparedRayTraced {
                 return Ok(Shading {
                     visibility: found.iter().map(|f| f.seen).collect(),
                     irradiance: Some(Irradiance::Part(found.iter().map(|f| f.part).collect())),
+                    by_rays: 0,
                 });
             }
             for (e, more) in estimates.iter_mut().zip(&more) {
@@ -110,14 +112,18 @@ impl PreparedRayTraced {
 
 /// What the answer of receiver `i` tells.
 fn estimate(answer: &Answer, receivers: &Receivers, i: usize, sampler: &Sampler) -> Estimate {
-    let [seen, irradiance] = answer.sums;
+    let Sums {
+        both: [seen, irradiance],
+        early,
+        unshadowed,
+    } = answer.sums;
     let mut found = Estimate {
         seen,
         irradiance,
-        unshadowed: answer.unshadowed,
+        unshadowed,
         ..Estimate::default()
     };
-    let dark = answer.unshadowed == 0.0;
+    let dark = unshadowed == 0.0;
     if dark || answer.whole {
         let above = sampler
             .light()
@@ -133,8 +139,8 @@ fn estimate(answer: &Answer, receivers: &Receivers, i: usize, sampler: &Sampler)
         // What one sample tells of its own spread.
         0.25
     } else {
-        let late = (seen * all - answer.early * half) / (all - half);
-        0.25 * (late - answer.early).powi(2)
+        let late = (seen * all - early * half) / (all - half);
+        0.25 * (late - early).powi(2)
     };
     found
 }

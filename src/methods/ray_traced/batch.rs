@@ -2,16 +2,18 @@
 
 use glam::Vec3;
 
-use super::{Answer, bits};
+use super::Answer;
 use crate::bvh::Occluders;
 use crate::bvh::packet::{Packet, Stack};
 use crate::sampling::LightSamples;
+use crate::sampling::tracing::{Sums, bits};
 use crate::simd::{LANES, Row};
 
 /// The receivers whose samples a packet holds.
 #[derive(Default)]
 pub(super) struct Batch {
     packet: Packet,
+    stack: Stack,
     active: u16,
     /// Each receiver with the weights of its samples, of which it has `count`.
     waiting: Vec<(usize, Row)>,
@@ -36,22 +38,18 @@ impl Batch {
     }
 
     /// Traces what waits, and tells what is found of each receiver.
-    pub(super) fn trace(
-        &mut self,
-        occluders: &Occluders,
-        stack: &mut Stack,
-        put: &mut impl FnMut(usize, Answer),
-    ) {
+    pub(super) fn trace(&mut self, occluders: &Occluders, put: &mut impl FnMut(usize, Answer)) {
         if self.waiting.is_empty() {
             return;
         }
         let mut all = [0.0; LANES];
-        occluders.transmittance(&self.packet, self.active, stack, &mut all);
+        occluders.transmittance(&self.packet, self.active, &mut self.stack, &mut all);
         let each = all.chunks_exact(self.count);
         for ((receiver, weights), part) in self.waiting.drain(..).zip(each) {
             let mut through = Row::default();
             through.0[..self.count].copy_from_slice(part);
-            put(receiver, Answer::new(&[weights], &[through], self.count));
+            let sums = Sums::new(&[weights], &[through], self.count);
+            put(receiver, Answer::in_parts(sums));
         }
         self.active = 0;
     }

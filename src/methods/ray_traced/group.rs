@@ -150,7 +150,13 @@ impl Group {
     ) -> bool {
         let outline = bvh.outline(geometry);
         let nodes = &bvh.tree.nodes;
-        outline.candidates(nodes, shaft, most, &mut self.stack, &mut self.edges)
+        let edges = &mut self.edges;
+        let most = most - edges.len();
+        let mut take = |edge: &EdgePlanes, _| {
+            edges.push(*edge);
+            1
+        };
+        outline.candidates(nodes, shaft, most, &mut self.stack, &mut take)
     }
 
     /// What edges cover of the light that receiver `k` sees.

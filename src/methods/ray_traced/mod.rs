@@ -33,15 +33,14 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::bvh::Occluders;
 use crate::bvh::outline::touches_light;
-use crate::bvh::packet::{Packet, Stack};
 use crate::control::Control;
 use crate::error::{Error, Result, in_range};
 use crate::light::Light;
 use crate::method::{Irradiance, Method, Prepared, Shading};
 use crate::receivers::Receivers;
-use crate::sampling::{GRID, LightSamples, Pattern, Sampler, cell_place};
+use crate::sampling::tracing::{Sums, Tracer, bits};
+use crate::sampling::{GRID, LightSamples, Pattern, Sampler};
 use crate::simd::{LANES, Row};
 use batch::Batch;
 use grid::Grid;
@@ -159,7 +158,7 @@ impl Prepared for PreparedRayTraced {
             |scratch, range, out| {
                 let first = range.start;
                 let mut ids: Vec<usize> = range.collect();
-                let mut put = |i: usize, answer: Answer| out[i - first] = answer.sums;
+                let mut put = |i: usize, answer: Answer| out[i - first] = answer.sums.both;
                 self.shade_group(receivers, &mut ids, light, scratch, &mut put);
                 Ok(())
             },
@@ -167,6 +166,7 @@ impl Prepared for PreparedRayTraced {
         Ok(Shading {
             visibility: both.iter().map(|v| v[0]).collect(),
             irradiance: Some(Irradiance::Whole(both.iter().map(|v| v[1]).collect())),
+            by_rays: 0,
         })
     }
 
@@ -195,17 +195,19 @@ struct Scratch {
     sources: Vec<[u32; LANES]>,
 }
 
-/// What a receiver's samples tell.
+/// What is found for a receiver.
 #[derive(Debug, Clone, Copy, Default)]
 struct Answer {
-    /// Visibility and irradiance.
-    sums: [f32; 2],
-    /// Visibility by the first half of the samples.
-    early: f32,
-    /// Irradiance if all valid samples were seen.
-    unshadowed: f32,
+    sums: Sums,
     /// Whether all of the light that is above the tangent plane is seen alike.
     whole: bool,
+}
+
+impl Answer {
+    /// Where some of the light may be seen and some not.
+    fn in_parts(sums: Sums) -> Self {
+        Answer { sums, whole: false }
+    }
 }
 
 /// A receiver that waits for its segments.
@@ -214,7 +216,7 @@ enum Pending {
     Whole {
         receiver: usize,
         segment: u32,
-        seen: Answer,
+        seen: Sums,
     },
     /// Every sample has a segment, from this row on.
     Parts {
@@ -229,50 +231,6 @@ const NO_SEGMENT: u32 = u32::MAX;
 
 /// The grid cell that the light's middle lies in.
 const MIDDLE: u16 = (GRID * GRID / 2 + GRID / 2) as u16;
-
-/// Segments of a group of receivers.
-#[derive(Default)]
-struct Tracer {
-    packet: Packet,
-    stack: Stack,
-    /// Place on the light, receiver and target of each segment.
-    segments: Vec<(u32, u32, Vec3)>,
-    order: Vec<u64>,
-    through: Vec<f32>,
-}
-
-impl Tracer {
-    /// Adds the segment from the group's receiver `k` to a target in this cell of the light.
-    fn add(&mut self, k: usize, cell: u16, target: Vec3) -> u32 {
-        self.segments.push((cell_place(cell), k as u32, target));
-        self.segments.len() as u32 - 1
-    }
-
-    /// Traces all segments, sorted by where on the light they end: the same sample of two receivers, each
-    /// with digits of its own flipped, can lie anywhere.
-    fn trace(&mut self, occluders: &Occluders, origins: &[Vec3]) {
-        self.order.clear();
-        let keys = self.segments.iter().enumerate();
-        self.order
-            .extend(keys.map(|(s, &(place, ..))| u64::from(place) << 32 | s as u64));
-        self.order.sort_unstable();
-        self.through.clear();
-        self.through.resize(self.segments.len(), 0.0);
-        for keys in self.order.chunks(LANES) {
-            for (lane, &key) in keys.iter().enumerate() {
-                let (_, k, target) = self.segments[key as u32 as usize];
-                self.packet.set(lane, origins[k as usize], target);
-            }
-            let active = u16::MAX >> (LANES - keys.len());
-            let mut through = [0.0; LANES];
-            occluders.transmittance(&self.packet, active, &mut self.stack, &mut through);
-            for (&key, t) in keys.iter().zip(through) {
-                self.through[key as u32 as usize] = t;
-            }
-        }
-        self.segments.clear();
-    }
-}
 
 impl PreparedRayTraced {
     /// Shades receivers that are neighbours, with culling where it applies and may pay.
@@ -356,7 +314,7 @@ impl PreparedRayTraced {
                     s.pending.push(Pending::Whole {
                         receiver: i,
                         segment,
-                        seen: Answer::of_valid(&s.samples),
+                        seen: Sums::of_valid(&s.samples),
                     });
                 }
                 EdgeCells::NoEdge | EdgeCells::Edges(_) => {
@@ -375,14 +333,20 @@ impl PreparedRayTraced {
                 }
                 EdgeCells::Unclear if 2 * s.samples.count <= LANES => {
                     if !s.batch.fits(&s.samples) {
-                        s.batch.trace(occluders, &mut s.tracer.stack, put);
+                        s.batch.trace(occluders, put);
                     }
                     s.batch.add(i, s.origins[k], &s.samples);
                 }
-                EdgeCells::Unclear => put(i, s.trace_all(occluders, s.origins[k])),
+                EdgeCells::Unclear => {
+                    let (tracer, samples) = (&mut s.tracer, &s.samples);
+                    put(
+                        i,
+                        Answer::in_parts(tracer.trace_samples(occluders, s.origins[k], samples)),
+                    );
+                }
             }
         }
-        s.batch.trace(occluders, &mut s.tracer.stack, put);
+        s.batch.trace(occluders, put);
         s.tracer.trace(occluders, &s.origins);
         let rows = s.samples.weights.len();
         for pending in &s.pending {
@@ -392,8 +356,9 @@ impl PreparedRayTraced {
                     segment,
                     seen,
                 } => {
-                    let hidden = s.tracer.through[segment as usize] == 0.0;
-                    put(receiver, if hidden { seen.hidden() } else { seen });
+                    let hidden = s.tracer.through(segment) == 0.0;
+                    let sums = if hidden { seen.hidden() } else { seen };
+                    put(receiver, Answer { sums, whole: true });
                 }
                 Pending::Parts {
                     receiver,
@@ -401,14 +366,14 @@ impl PreparedRayTraced {
                     whole,
                 } => {
                     s.through.clear();
-                    s.through
-                        .extend(s.sources[row..row + rows].iter().map(|sources| {
-                            let through = &s.tracer.through;
-                            Row(sources.map(|x| through.get(x as usize).copied().unwrap_or(0.0)))
-                        }));
+                    s.through.extend(
+                        s.sources[row..row + rows]
+                            .iter()
+                            .map(|sources| Row(sources.map(|x| s.tracer.through(x)))),
+                    );
                     let weights = &s.weights[row..row + rows];
-                    let answer = Answer::new(weights, &s.through, s.samples.count);
-                    put(receiver, Answer { whole, ..answer });
+                    let sums = Sums::new(weights, &s.through, s.samples.count);
+                    put(receiver, Answer { sums, whole });
                 }
             }
         }
@@ -442,88 +407,4 @@ impl Scratch {
         }
         self.weights.extend_from_slice(&self.samples.weights);
     }
-
-    /// Traces every sample of the receiver at hand.
-    fn trace_all(&mut self, occluders: &Occluders, origin: Vec3) -> Answer {
-        let samples = &self.samples;
-        self.through.clear();
-        for (r, &valid) in samples.valid.iter().enumerate() {
-            for lane in bits(valid) {
-                self.tracer
-                    .packet
-                    .set(lane, origin, samples.point(r * LANES + lane));
-            }
-            let mut through = Row::default();
-            let Tracer { packet, stack, .. } = &mut self.tracer;
-            occluders.transmittance(packet, valid, stack, &mut through.0);
-            self.through.push(through);
-        }
-        Answer::new(&samples.weights, &self.through, samples.count)
-    }
-}
-
-fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lane = mask.trailing_zeros() as usize;
-        mask &= mask.wrapping_sub(1);
-        (lane < LANES).then_some(lane)
-    })
-}
-
-impl Answer {
-    /// From each sample's transmittance.
-    ///
-    /// Sixteen partial sums in `f32`, then one in order: the same operations whatever was culled.
-    fn new(weights: &[Row], through: &[Row], count: usize) -> Self {
-        let (mut seen, mut light) = (Row::default(), Row::default());
-        let (mut early, mut all) = (Row::default(), Row::default());
-        for (r, (w, t)) in weights.iter().zip(through).enumerate() {
-            for lane in 0..LANES {
-                seen.0[lane] += t.0[lane];
-                light.0[lane] += w.0[lane] * t.0[lane];
-                all.0[lane] += w.0[lane];
-            }
-            let half = (count / 2).saturating_sub(r * LANES).min(LANES);
-            for (early, t) in early.0.iter_mut().zip(&t.0[..half]) {
-                *early += t;
-            }
-        }
-        Answer {
-            sums: [(total(seen) / count as f32).min(1.0), total(light)],
-            early: (total(early) / (count / 2).max(1) as f32).min(1.0),
-            unshadowed: total(all),
-            whole: false,
-        }
-    }
-
-    /// [`Answer::new`] with every valid sample seen, to the bit: counts are exact, and so is a product with 1.
-    fn of_valid(samples: &LightSamples) -> Self {
-        let mut light = Row::default();
-        for weights in &samples.weights {
-            for lane in 0..LANES {
-                light.0[lane] += weights.0[lane];
-            }
-        }
-        let seen: u32 = samples.valid.iter().map(|v| v.count_ones()).sum();
-        let seen = (seen as f32 / samples.count as f32).min(1.0);
-        Answer {
-            sums: [seen, total(light)],
-            early: seen,
-            unshadowed: total(light),
-            whole: true,
-        }
-    }
-
-    /// The same receiver with every sample blocked.
-    fn hidden(self) -> Self {
-        Answer {
-            sums: [0.0; 2],
-            early: 0.0,
-            ..self
-        }
-    }
-}
-
-fn total(row: Row) -> f32 {
-    row.0.iter().sum()
 }

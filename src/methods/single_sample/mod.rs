@@ -327,6 +327,7 @@ impl Prepared for PreparedSingleSample {
         Ok(Shading {
             visibility,
             irradiance: None,
+            by_rays: 0,
         })
     }
 

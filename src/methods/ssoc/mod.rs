@@ -306,6 +306,7 @@ impl Prepared for PreparedSsoc {
         Ok(Shading {
             visibility,
             irradiance: None,
+            by_rays: 0,
         })
     }
 

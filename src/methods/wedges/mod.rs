@@ -451,6 +451,7 @@ impl Prepared for PreparedWedges {
         Ok(Shading {
             visibility,
             irradiance: None,
+            by_rays: 0,
         })
     }
 

@@ -2,6 +2,7 @@
 
 pub(super) mod accumulation;
 mod convolution;
+mod counted;
 mod filtered;
 mod hard;
 pub(super) mod layered;
@@ -28,6 +29,7 @@ type Make = fn(&Bound<'_, PyAny>) -> PyResult<Made>;
 const METHODS: &[(&str, Make)] = &[
     ("accumulation", accumulation::make),
     ("convolution", convolution::make),
+    ("counted", counted::make),
     ("deep", filtered::deep),
     ("hard", hard::make),
     ("mlsm", layered::mlsm),

@@ -1,0 +1,212 @@
+//! The edges that may be silhouettes for a group of receivers, sixteen to a block.
+
+use glam::{DVec3, Vec3};
+
+use crate::bvh::TriangleBvh;
+use crate::bvh::edge_faces::EdgeFace;
+use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
+use crate::light::Light;
+use crate::sampling::{LightProjection, Sampler};
+use crate::scene::snapshot::Snapshot;
+use crate::simd::{LANES, Row};
+
+/// Most candidate edges of a group, by what they cost. Beyond, the group is halved or its receivers are answered by rays:
+/// half as many take 1.5 times as long on a scan under a light as large as itself, twice as many 1.5 times on a tree.
+/// Each edge changes a count by 2 at most, at the border and once in a row, and counts have 16 bits.
+const MOST_EDGES: usize = 4000;
+
+/// What an edge of one triangle costs, over one of two: it is a silhouette for every receiver, those on a scan are for
+/// few. Foliage and hair are full of them.
+const LONE: usize = 4;
+
+/// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
+/// light's own width.
+const WIDE: f32 = 0.1;
+
+/// A group of so few receivers is not halved any more.
+const FEWEST: usize = 4;
+
+/// Sixteen edges, lane by lane.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    pub(super) ends: [[Row; 3]; 2],
+    pub(super) normals: [[Row; 3]; 2],
+    pub(super) faces: [[EdgeFace; 2]; LANES],
+    /// Lanes that hold an edge, and those in which it has either triangle.
+    pub(super) used: u16,
+    pub(super) has: [u16; 2],
+}
+
+impl Default for Block {
+    fn default() -> Self {
+        Block {
+            ends: [[Row::default(); 3]; 2],
+            normals: [[Row::default(); 3]; 2],
+            faces: [[EdgeFace::NONE; 2]; LANES],
+            used: 0,
+            has: [0; 2],
+        }
+    }
+}
+
+/// What became of a search for edges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Found {
+    /// All edges that matter are known.
+    All,
+    /// There are too many; halving the receivers at this coordinate of this axis may help.
+    Split(usize, f64),
+    /// Rays must answer.
+    ByRays,
+}
+
+/// Edges of a group of receivers.
+#[derive(Debug, Default)]
+pub(super) struct Edges {
+    stack: Vec<u32>,
+    blocks: Vec<Block>,
+    count: usize,
+    views: Vec<Option<LightProjection>>,
+}
+
+impl Edges {
+    /// How receiver `k` sees the light.
+    pub(super) fn view(&self, k: usize) -> Option<LightProjection> {
+        self.views[k]
+    }
+
+    /// The edges that were found.
+    pub(super) fn blocks(&self) -> &[Block] {
+        &self.blocks[..self.count.div_ceil(LANES)]
+    }
+
+    /// Finds the edges for receivers whose rays start at `origins`.
+    pub(super) fn collect(
+        &mut self,
+        geometry: &Snapshot,
+        sampler: &Sampler,
+        origins: &[Vec3],
+    ) -> Found {
+        self.count = 0;
+        self.views.clear();
+        self.views
+            .extend(origins.iter().map(|o| sampler.view(o.as_dvec3())));
+        // Receivers that the light does not face have no say in the shaft.
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for (_, &o) in self.views.iter().zip(origins).filter(|(v, _)| v.is_some()) {
+            (low, high) = (low.min(o), high.max(o));
+        }
+        if low.x > high.x {
+            return Found::ByRays;
+        }
+        let light = padded_bounds(sampler.light());
+        let shaft = Shaft::new((low, high), light);
+        let occluders = geometry.occluders();
+        let transparent = occluders.transparent.as_ref().map(|(bvh, _)| &bvh.tree);
+        let spheres = occluders.spheres.as_ref().map(|s| &s.tree);
+        let others = [transparent, spheres].into_iter().flatten();
+        if others
+            .into_iter()
+            .any(|tree| tree.any_leaf(|node| shaft.meets(node)))
+        {
+            return Found::ByRays;
+        }
+        if self.collect_from(&occluders.opaque, geometry, &shaft, sampler.light()) {
+            return Found::All;
+        }
+        // Halving the receivers narrows the shaft only where they are spread wide next to the light,
+        // as over the step from an outline to what lies behind it.
+        let spread = high - low;
+        let axis = spread.max_position();
+        let wide = spread[axis] > WIDE * (light.1 - light.0).max_element();
+        if wide && origins.len() > FEWEST {
+            return Found::Split(axis, f64::from(0.5 * (low[axis] + high[axis])));
+        }
+        Found::ByRays
+    }
+
+    fn collect_from(
+        &mut self,
+        bvh: &TriangleBvh,
+        geometry: &Snapshot,
+        shaft: &Shaft,
+        light: &Light,
+    ) -> bool {
+        let behind = Behind::new(light);
+        let Edges {
+            stack,
+            blocks,
+            count,
+            ..
+        } = self;
+        let mut take = |edge: &EdgePlanes, faces: [EdgeFace; 2]| {
+            let Some(ends) = behind.clip(edge.ends) else {
+                return 0;
+            };
+            let (at, lane) = (*count / LANES, *count % LANES);
+            *count += 1;
+            if at == blocks.len() {
+                blocks.push(Block::default());
+            }
+            let block = &mut blocks[at];
+            if lane == 0 {
+                (block.used, block.has) = (0, [0; 2]);
+            }
+            block.used |= 1 << lane;
+            block.faces[lane] = faces;
+            for side in 0..2 {
+                block.has[side] |= u16::from(faces[side] != EdgeFace::NONE) << lane;
+                for axis in 0..3 {
+                    block.ends[side][axis].0[lane] = ends[side][axis];
+                    block.normals[side][axis].0[lane] = edge.normals[side][axis];
+                }
+            }
+            if faces.contains(&EdgeFace::NONE) {
+                LONE
+            } else {
+                1
+            }
+        };
+        let outline = bvh.outline(geometry);
+        outline.candidates(&bvh.tree.nodes, shaft, MOST_EDGES, stack, &mut take)
+    }
+}
+
+/// What of an edge lies behind a flat light and hides none of it.
+struct Behind {
+    /// Emitting normal, and the height along it from which on something is before the light: half of what light
+    /// points are moved off it. Over the light there is nothing within eight times as much, or no edges are looked
+    /// for ([`crate::bvh::outline::touches_light`]).
+    plane: Option<(DVec3, f64)>,
+}
+
+impl Behind {
+    fn new(light: &Light) -> Self {
+        let plane = light
+            .normal()
+            .map(|n| (n, n.dot(light.center() + 0.5 * light.lift())));
+        Behind { plane }
+    }
+
+    /// The part of an edge that lies before the light, if any. Where it passes through the light's plane it is not
+    /// over the light, and so is the end that it gets there.
+    fn clip(&self, ends: [Vec3; 2]) -> Option<[Vec3; 2]> {
+        let Some((normal, plane)) = self.plane else {
+            return Some(ends);
+        };
+        let [a, b] = ends.map(|end| normal.dot(end.as_dvec3()) - plane);
+        match (a > 0.0, b > 0.0) {
+            (true, true) => Some(ends),
+            (false, false) => None,
+            (front, _) => {
+                let cut = ends[0].as_dvec3().lerp(ends[1].as_dvec3(), a / (a - b));
+                let cut = cut.as_vec3();
+                Some(if front {
+                    [ends[0], cut]
+                } else {
+                    [cut, ends[1]]
+                })
+            }
+        }
+    }
+}
