@@ -86,7 +86,7 @@ html_extra_path = ["redirect"]
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_sidebars: dict[str, list[str]] = {  # pages with nothing below them
-    f"docs/{page}": [] for page in ("concepts", "hard_cases", "overview", "study")
+    f"docs/{page}": [] for page in ("concepts", "dense", "hard_cases", "overview", "study")
 }
 html_theme_options = {
     "github_url": REPOSITORY,

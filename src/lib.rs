@@ -15,7 +15,7 @@
 //! - [`bvh`]: ray queries; [`sampling`]: light points;
 //! - [`scene`]: named meshes and spheres, and snapshots of them with their hierarchies;
 //! - [`method`]: what all methods have in common; [`far`]: far lights for those that need near ones;
-//! - [`casters`], [`maps`], [`textures`]: what several methods share;
+//! - [`casters`], [`maps`], [`textures`], [`adaptive`]: what several methods share;
 //! - [`methods`]: each in a file or folder of its own;
 //! - [`render`]: from visibility to radiance. The `python` feature adds the bindings.
 

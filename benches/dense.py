@@ -1,0 +1,112 @@
+"""Time to an error on dense scenes: foliage, hair, scans, a large light; Mitsuba beside.
+
+    python benches/dense.py [--from-table] [--scenes NAME ...]
+
+measures what ``dense.toml`` says, one case after the other (a run that was ended goes on where it
+was), writes ``benches/dense.parquet`` and the tables of ``docs/dense.md``, and prints them. Of each
+scene and side, time is read from the best of its settings: between two that nothing beats in both
+time and error in logarithms, and of one that is better than was asked as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import softshadow as ss
+from softshadow.sweep.study import read_study
+from study import DOCS, END, ERRORS, HERE, MITSUBA, facts, markdown, measured, succeeded
+from tables import fill
+
+BEGIN = "<!-- measured: python benches/dense.py -->"
+
+OURS = "softshadow"
+"""All methods together: the best of them at each error."""
+
+
+def seconds_to(rows: pd.DataFrame, error: float) -> float:
+    """Return the seconds a frame in which the rows' front reaches an error; infinite beyond it."""
+    best = rows[ss.front(rows, "frame_seconds", "rmse")].sort_values("rmse")
+    x, y = np.log(best["rmse"].to_numpy()), np.log(best["frame_seconds"].to_numpy())
+    if not len(x) or np.log(error) < x[0]:
+        return float("inf")
+    return float(np.exp(np.interp(np.log(error), x, y)))
+
+
+def sides(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return a scene's rows by method, and all of ours together."""
+    found = {str(name): part for name, part in rows.groupby("method", sort=False)}
+    ours = ~rows["method"].astype(str).str.startswith(MITSUBA)
+    return {OURS: rows[ours & (rows["method"] != "hard")], **found}
+
+
+def times(table: pd.DataFrame) -> pd.DataFrame:
+    """Return seconds to each error, a row a scene and side."""
+    lines = []
+    for scene, rows in table.groupby("scene", sort=False):
+        for side, its in sides(rows).items():
+            found = {f"{e:g}": seconds_to(its, e) for e in ERRORS}
+            lines.append({"scene": scene, "side": side, **found})
+    return pd.DataFrame(lines)
+
+
+def ratios(found: pd.DataFrame, other: str) -> pd.DataFrame:
+    """Return how many times longer another side takes than ours, a row a scene."""
+    columns = [f"{e:g}" for e in ERRORS]
+    ours = found[found["side"] == OURS].set_index("scene")[columns]
+    return found[found["side"] == other].set_index("scene")[columns] / ours
+
+
+def shown(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) and value > 0 else "-"
+
+
+def tables(table: pd.DataFrame) -> str:
+    """Return what was measured, as text."""
+    good = succeeded(table)
+    found = times(good)
+    columns = [f"{e:g}" for e in ERRORS]
+    head = ["scene", "side", *(f"to {c}" for c in columns)]
+    lines = [[str(r["scene"]), str(r["side"]), *(shown(r[c]) for c in columns)]
+             for _, r in found.iterrows()]
+    parts = [facts(table), "### Seconds a frame to an error\n", markdown(head, lines)]
+    for other in (str(s) for s in found["side"].unique() if str(s).startswith(MITSUBA)):
+        its = ratios(found, other)
+        finite = its.to_numpy()[np.isfinite(its.to_numpy())]
+        mean, least = np.exp(np.log(finite).mean()), finite.min()
+        parts += [
+            f"### Times longer than ours: {other}\n",
+            f"Geometric mean {mean:.2f}, least {least:.2f}.\n",
+            markdown(["scene", *columns], [[str(s), *map(shown, r)] for s, r in
+                                           zip(its.index, its.to_numpy(), strict=True)]),
+        ]
+    return "\n".join(parts)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--from-table", action="store_true", help="measure nothing")
+    parser.add_argument("--scenes", nargs="+", help="only these; prints and writes no page")
+    arguments = parser.parse_args()
+    study = read_study(HERE / "dense.toml")
+    parquet = HERE / "dense.parquet"
+    some = arguments.scenes or [case.scene_name for case in study.cases]
+    cases = [case for case in study.cases if case.scene_name in some]
+    if arguments.from_table:
+        table = pd.read_parquet(parquet)
+    else:
+        study.store.parent.mkdir(exist_ok=True)
+        table = measured(study, cases, study.store, dict(study.options))
+    text = tables(table)
+    if not arguments.scenes and not arguments.from_table:
+        table.to_parquet(parquet, compression="zstd")
+    if not arguments.scenes:
+        fill(DOCS / "dense.md", BEGIN, END, text)
+    sys.stdout.write(text)
+
+
+if __name__ == "__main__":
+    main()
