@@ -6,6 +6,7 @@
 //! the scene count, near the receiver's tangent plane and turned alike, and each only together with the one
 //! opposite, so that what changes linearly over the picture stays as it is.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use fearless_simd::dispatch;
@@ -101,17 +102,28 @@ impl<'a> Filter<'a> {
         }
     }
 
-    /// What is found for all receivers.
+    /// What is found for all receivers; as `before`, which may be empty, where nothing in a block and the blocks around it
+    /// is `new`.
     ///
     /// # Errors
     /// [`crate::error::Error::Cancelled`].
-    pub fn apply(&self, estimates: &[Estimate], control: &Control) -> Result<Vec<Filtered>> {
-        let find = |tile: &mut Box<Tile>, range: std::ops::Range<usize>, out: &mut [Filtered]| {
+    pub fn apply(
+        &self,
+        estimates: &[Estimate],
+        new: &[bool],
+        before: Vec<Filtered>,
+        control: &Control,
+    ) -> Result<Vec<Filtered>> {
+        let blocks = self.new_blocks(new);
+        let find = |tile: &mut Box<Tile>, range: Range<usize>, out: &mut [Filtered]| {
             let own = &estimates[range.clone()];
-            if own.iter().all(Estimate::is_exact) {
+            if !before.is_empty() && !self.is_near(&blocks, range.start) {
+                out.copy_from_slice(&before[range]);
+            } else if own.iter().all(Estimate::is_exact) {
+                let found = own.iter().map(|e| alone(e, 0.0));
                 out.iter_mut()
-                    .zip(own)
-                    .for_each(|(out, e)| *out = alone(e, 0.0));
+                    .zip(found)
+                    .for_each(|(out, found)| *out = found);
             } else if self.pixels.is_empty() {
                 let variance = variance_of_points(own);
                 let found = own.iter().map(|e| alone(e, variance));
@@ -134,8 +146,35 @@ impl<'a> Filter<'a> {
             }
             Ok(())
         };
-        self.receivers
-            .by_groups(control, Filtered::default(), Box::<Tile>::default, find)
+        let receivers = self.receivers;
+        receivers.by_groups(control, Filtered::default(), Box::<Tile>::default, find)
+    }
+
+    /// Which blocks of pixels have something new; none where there are no pixels.
+    fn new_blocks(&self, new: &[bool]) -> Vec<bool> {
+        let [columns, rows] = self.size.map(|pixels| pixels.div_ceil(SIDE));
+        let mut blocks = vec![false; columns * rows];
+        if !blocks.is_empty() {
+            for i in (0..new.len()).filter(|&i| new[i]) {
+                let (x, y) = self.corner(i);
+                blocks[y / SIDE * columns + x / SIDE] = true;
+            }
+        }
+        blocks
+    }
+
+    /// Whether the block of receiver `i` or one around it is among these; everything is, where there are no blocks.
+    fn is_near(&self, blocks: &[bool], i: usize) -> bool {
+        if blocks.is_empty() {
+            return true;
+        }
+        let (x, y) = self.corner(i);
+        let columns = self.size[0].div_ceil(SIDE);
+        let (x, y) = (x / SIDE, y / SIDE);
+        let last = blocks.len() / columns - 1;
+        (y.saturating_sub(1)..=(y + 1).min(last)).any(|y| {
+            (x.saturating_sub(1)..=(x + 1).min(columns - 1)).any(|x| blocks[y * columns + x])
+        })
     }
 
     /// Column and row of the pixel of receiver `i`.
@@ -190,6 +229,8 @@ fn variance_of_points(estimates: &[Estimate]) -> f32 {
 
 /// A block of pixels and what windows take in around it, a table for each quantity.
 struct Tile {
+    /// Whether all pixels lie on one triangle.
+    flat: bool,
     entry: [u32; WIDE * WIDE],
     position: [[f32; WIDE * WIDE]; 3],
     normal: [[f32; WIDE * WIDE]; 3],
@@ -210,6 +251,7 @@ const SAMPLES: usize = 4;
 impl Default for Tile {
     fn default() -> Self {
         Tile {
+            flat: false,
             entry: [NOTHING; WIDE * WIDE],
             position: [[0.0; WIDE * WIDE]; 3],
             normal: [[0.0; WIDE * WIDE]; 3],
@@ -230,16 +272,20 @@ impl Tile {
     fn set(&mut self, filter: &Filter, estimates: &[Estimate], corner: (usize, usize)) {
         let r = filter.receivers;
         let mut origin: Option<DVec3> = None;
+        let mut face = None;
+        self.flat = true;
         for y in 0..WIDE {
             for x in 0..WIDE {
                 let at = y * WIDE + x;
                 let Some(i) = filter.at(corner.0 + x, corner.1 + y) else {
+                    self.flat = false;
                     self.entry[at] = NOTHING;
                     self.values.iter_mut().for_each(|table| table[at] = 0.0);
                     continue;
                 };
                 let e = &estimates[i];
                 self.entry[at] = filter.entries[i];
+                self.flat &= r.faces[i] == *face.get_or_insert(r.faces[i]) && r.faces[i] != NONE;
                 let p = r.positions[i] - *origin.get_or_insert(r.positions[i]);
                 for k in 0..3 {
                     self.position[k][at] = p[k] as f32;
@@ -288,8 +334,10 @@ impl Tile {
                     let away = dy * WIDE + dx;
                     let (a, b) = (middle + away - OFFSET, middle + OFFSET - away);
                     let mut alike = [1.0; SIDE];
-                    self.keep_alike(middle, a, &mut alike);
-                    self.keep_alike(middle, b, &mut alike);
+                    if !self.flat {
+                        self.keep_alike(middle, a, &mut alike);
+                        self.keep_alike(middle, b, &mut alike);
+                    }
                     for x in 0..SIDE {
                         count[x] += 2.0 * alike[x];
                     }

@@ -20,7 +20,16 @@ impl Pattern {
     /// The first `n` points of the sequence with this seed.
     pub fn new(n: usize, seed: u64) -> Self {
         let mut points: Vec<(u32, u32)> = (0..n as u32).map(|i| point(i, seed)).collect();
-        points.sort_unstable_by_key(|&(x, y)| (morton(x >> 16) | (morton(y >> 16) << 1), x, y));
+        sort(&mut points);
+        Pattern::of(&points, seed)
+    }
+
+    /// [`Pattern::part`] with each half of its points in Morton order.
+    pub fn halves(range: Range<usize>, seed: u64) -> Self {
+        let mut points: Vec<_> = range.map(|i| point(i as u32, seed)).collect();
+        let (early, late) = points.split_at_mut(points.len() / 2);
+        sort(early);
+        sort(late);
         Pattern::of(&points, seed)
     }
 
@@ -59,6 +68,11 @@ impl Pattern {
         let h = hash(self.seed, u64::from(index) + 0x9e37_79b9);
         [h as u32, (h >> 32) as u32]
     }
+}
+
+/// Sorts points along a Morton curve.
+fn sort(points: &mut [(u32, u32)]) {
+    points.sort_unstable_by_key(|&(x, y)| (morton(x >> 16) | (morton(y >> 16) << 1), x, y));
 }
 
 /// Point `i` of the sequence, as 32-bit fractions.

@@ -26,7 +26,8 @@ pub(super) fn patterns(method: &RayTraced) -> Vec<Pattern> {
     }
     let ends = steps(method.samples);
     let starts = std::iter::once(0).chain(ends.iter().copied());
-    let part = |(start, end): (u32, u32)| Pattern::part(start as usize..end as usize, method.seed);
+    let part =
+        |(start, end): (u32, u32)| Pattern::halves(start as usize..end as usize, method.seed);
     starts.zip(ends.iter().copied()).map(part).collect()
 }
 
@@ -52,8 +53,10 @@ impl PreparedRayTraced {
         let filter = Filter::new(&self.geometry, receivers);
         let silent = control.silent();
         let wanted = error * error * receivers.len() as f64;
+        let mut found = Vec::new();
+        let mut grown = vec![true; receivers.len()];
         loop {
-            let found = filter.apply(&estimates, &silent)?;
+            found = filter.apply(&estimates, &grown, found, &silent)?;
             let left: f64 = found.iter().map(|f| f64::from(f.error)).sum();
             let told = found
                 .iter()
@@ -74,7 +77,8 @@ impl PreparedRayTraced {
                     by_rays: 0,
                 });
             }
-            for (e, more) in estimates.iter_mut().zip(&more) {
+            for ((e, grown), more) in estimates.iter_mut().zip(&mut grown).zip(&more) {
+                *grown = more.is_some();
                 match more {
                     // More samples pay for more edges, of which there may be none before the light.
                     Some(more) if more.is_exact() => *e = *more,
