@@ -27,7 +27,8 @@ impl Pattern {
     /// [`Pattern::part`] with each half of its points in Morton order.
     pub fn halves(range: Range<usize>, seed: u64) -> Self {
         let mut points: Vec<_> = range.map(|i| point(i as u32, seed)).collect();
-        let (early, late) = points.split_at_mut(points.len() / 2);
+        let middle = points.len() / 2;
+        let (early, late) = points.split_at_mut(middle);
         sort(early);
         sort(late);
         Pattern::of(&points, seed)
