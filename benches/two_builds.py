@@ -2,7 +2,8 @@
 
 ``python benches/two_builds.py BEFORE/.venv/bin/python AFTER/.venv/bin/python --repeats 15``
 
-``--dense`` adds `ray_traced` with 4 to 256 samples on scenes of many triangles (``--only "tree 16"``).
+``--dense`` adds `ray_traced` with 4 to 256 samples on scenes of many triangles, such as
+``--only "tree 16"``.
 
 Each build renders in a process of its own. A row has the least processor and wall time of a frame
 with either, and the median of the ratios of frames that followed each other, which a busy machine
@@ -87,9 +88,7 @@ def work():
     import softshadow as ss
 
     cases, dense, ready, setups = _cases(), _dense(), {}, {}
-    cameras = dict.fromkeys(
-        cases, ss.Camera((0.5, -5, 3.5), (0, 0, 0.7), width=SIZE, height=SIZE)
-    )
+    cameras = dict.fromkeys(cases, ss.Camera((0.5, -5, 3.5), (0, 0, 0.7), width=SIZE, height=SIZE))
     print(*cases, sep="|", flush=True)
     print(*(f"{name} {n}" for name in dense for n in DENSE_SAMPLES), sep="|", flush=True)
     for line in sys.stdin:
@@ -126,7 +125,9 @@ def main():
         )
         for python in (options.before, options.after)
     ]
-    names, dense = ([side.stdout.readline().strip().split("|") for side in sides][0] for _ in "12")
+    names, dense = (
+        next(iter([side.stdout.readline().strip().split("|") for side in sides])) for _ in range(2)
+    )
 
     def frame(side, name):
         side.stdin.write(name + "\n")
