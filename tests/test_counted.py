@@ -65,7 +65,7 @@ def _fin():
 
 
 def _levels():
-    """Boxes that stand on the ground and on one another: receivers in the planes of faces all around."""
+    """Boxes on the ground and on one another: receivers in the planes of faces all around."""
     import trimesh
 
     boxes = []
@@ -89,7 +89,7 @@ SCENES = {"soup": _soup, "sheets": _sheets, "fin": _fin, "levels": _levels, "til
 
 
 def _assert_near(scene, light, camera=CAMERA, by_rays=0.0):
-    """Assert that no pixel is off by more than five deviations, and all together by less than one."""
+    """Assert that no pixel is off by five deviations, and all together by less than one."""
     image = ss.render(scene, camera, light, "counted")
     reference = ss.render(scene, camera, light, ss.RayTraced(samples=MANY, seed=1))
     off = (image.visibility - reference.visibility)[image.mask]

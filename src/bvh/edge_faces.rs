@@ -101,3 +101,68 @@ fn pair(normals: &[Vec3], one: Option<(u32, bool)>, two: Option<(u32, bool)>) ->
     let owner = one.into_iter().chain(two).map(|(f, _)| f).min();
     (owner.unwrap_or(u32::MAX), normals, faces)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Triangles at an edge, each in front of the receiver or behind it, forward or not.
+    fn change(at: &[(bool, bool)], normals: &[Vec3]) -> i16 {
+        let incident: Vec<Incident> = (0u32..)
+            .zip(at)
+            .map(|(face, &(forward, _))| Incident {
+                face,
+                opposite: 2,
+                forward,
+            })
+            .collect();
+        let (one, more) = pairs(&incident, |face| face, normals);
+        let side = |normal: Vec3| normal.z as i16;
+        let all = one.into_iter().chain(more);
+        all.map(|(_, [one, two], _)| side(one) - side(two)).sum()
+    }
+
+    #[test]
+    fn pairs_change_counts_by_as_much_as_all_triangles_one_by_one() {
+        for code in 0u32..1 << 10 {
+            let at: Vec<(bool, bool)> = (0..1 + code % 5)
+                .map(|k| (code >> (2 * k) & 1 == 1, code >> (2 * k + 1) & 1 == 1))
+                .collect();
+            // Seen along z, a normal's z is the triangle's side; the third has no area.
+            let normals: Vec<Vec3> = at
+                .iter()
+                .enumerate()
+                .map(|(k, &(_, front))| match (k, front) {
+                    (2, _) => Vec3::ZERO,
+                    (_, true) => Vec3::Z,
+                    (_, false) => Vec3::NEG_Z,
+                })
+                .collect();
+            let one_by_one: i16 = at
+                .iter()
+                .zip(&normals)
+                .map(|(&(forward, _), n)| if forward { n.z as i16 } else { -n.z as i16 })
+                .sum();
+            assert_eq!(change(&at, &normals), one_by_one, "{at:?}");
+        }
+    }
+
+    #[test]
+    fn an_edge_of_triangles_without_area_is_kept() {
+        let alone = |n: usize| {
+            let at = vec![(true, true); n];
+            let incident: Vec<Incident> = (0u32..)
+                .zip(&at)
+                .map(|(face, _)| Incident {
+                    face,
+                    opposite: 2,
+                    forward: face == 0,
+                })
+                .collect();
+            let (one, more) = pairs(&incident, |face| face, &vec![Vec3::ZERO; n]);
+            assert!(one.is_none());
+            more.len()
+        };
+        assert_eq!([alone(1), alone(2)], [1, 1]);
+    }
+}
