@@ -4,6 +4,7 @@
 //! - [`packet`]: which of sixteen segments are blocked by opaque triangles;
 //! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
 //! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance, and which first;
+//! - `pyramid`: the triangles in a convex region next to a point;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers.
 //!
 //! A segment from a receiver to a light point is blocked where it passes through a triangle and its
@@ -16,6 +17,7 @@ pub mod crossing;
 pub(crate) mod grown;
 pub mod outline;
 pub mod packet;
+pub(crate) mod pyramid;
 pub mod tree;
 
 use std::sync::OnceLock;

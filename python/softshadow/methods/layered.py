@@ -54,6 +54,7 @@ class Slsm(Method):
     points: ClassVar[bool] = True
     # What the kernel asks of all three and users of `Mtsm` choose.
     layers: ClassVar[int] = 1
+    near: ClassVar[float] = 0.0
     error: ClassVar[float] = 0.0
     threshold: ClassVar[float] = 0.0
     resets: ClassVar[int] = 0
@@ -85,6 +86,7 @@ class Mlsm(Method):
     z_threshold: float | None = None
     bias: float = 0.0
     detail: float = 40.0
+    near: float = 16.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "mlsm"
@@ -137,6 +139,7 @@ class Mtsm(Method):
     z_threshold: float | None = None
     bias: float = 0.0
     detail: float = 40.0
+    near: float = 16.0
     error: float = 0.02
     threshold: float = 1 / 512
     resets: int = 4

@@ -5,18 +5,21 @@
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver, by
-//!   its [`pencil`] of segments; `pieces`: what surfaces in texels hide of them.
+//!   its [`pencil`] of segments; `pieces`: what surfaces in texels hide of them;
+//! - `near`: triangles next to a receiver, in place of the map.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
 //! depths from all three.
 //!
 //! Assumptions and failures: a map holds what it was drawn from at its texels' centres. Occluders behind its
 //! last layer are missing and let light through (Section 6.2); what is smaller than a texel is right in the
-//! mean only; contact shadows begin half a texel away.
+//! mean only. Both hold beyond the depth up to which triangles answer; without them contact shadows begin half a
+//! texel away.
 
 pub mod choose;
 pub mod given;
 pub mod masks;
+mod near;
 pub mod pencil;
 mod pieces;
 pub mod tracing;
@@ -29,6 +32,7 @@ use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 
+use crate::bvh::packet;
 use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Result, in_range};
@@ -44,8 +48,10 @@ use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{LightSamples, Pattern, Sampler};
+use crate::simd::{LANES, Row};
 use given::Given;
 use masks::{Axis, BLOCK, Mask, spread};
+use near::{Near, Receiver};
 use pencil::{Pencil, SampleVisibility, Tracing};
 use tracing::{Stack, trace};
 
@@ -104,6 +110,8 @@ pub struct LayeredSettings {
     pub bias: f64,
     /// Texels across the light that are told apart.
     pub detail: f64,
+    /// Texels across the light up to which triangles answer in place of the map.
+    pub near: f64,
     /// Largest error of visibility in the compression of transparent layers.
     pub error: f64,
     /// Visibility that counts as none.
@@ -154,6 +162,7 @@ impl Layered {
         in_range(what, "error", settings.error, 0.0..=1.0)?;
         in_range(what, "threshold", settings.threshold, 0.0..=1.0)?;
         in_range(what, "detail", settings.detail, 1.0..=65536.0)?;
+        in_range(what, "near", settings.near, 0.0..=65536.0)?;
         Ok(Layered { kind, settings })
     }
 
@@ -213,7 +222,7 @@ impl Layered {
         let group = |maps: &Vec<Given>| maps.iter().map(make).collect();
         let groups = groups.iter().map(group).collect::<Result<_>>()?;
         Ok(PreparedLayered {
-            lights: vec![LayeredLight::new(self.sampler(light), groups)],
+            lights: vec![LayeredLight::new(self.sampler(light), groups, None)],
             tracing: self.tracing(frame),
             seconds: Vec::new(),
         })
@@ -230,6 +239,17 @@ impl Layered {
         }
     }
 
+    /// What answers next to receivers for the maps of a local light; nothing where the map's own ray is what counts.
+    fn near(&self, casters: &Casters, light: &Light, groups: &[Vec<LayerMap>]) -> Option<Near> {
+        let settings = &self.settings;
+        let maps = groups.first()?;
+        let wanted = settings.near > 0.0 && !settings.subtract;
+        wanted.then(|| {
+            let texels = settings.near as f32;
+            Near::new(casters.shared(), light, maps, settings.opaque, texels)
+        })
+    }
+
     /// The light points of a local light, the `number`-th of a scene.
     fn sampler(&self, light: Light) -> Sampler {
         let pattern = Pattern::new(self.settings.samples as usize, self.settings.seed);
@@ -241,6 +261,8 @@ impl Layered {
 struct FlatTargets {
     /// Columns and rows, block by block.
     axes: Vec<[Axis; 2]>,
+    /// Their points, local.
+    points: [Vec<Row>; 3],
     /// Inverse depth of all of them.
     inverse_depth: f64,
 }
@@ -278,6 +300,7 @@ impl FlatTargets {
         }
         Some(FlatTargets {
             axes,
+            points: samples.points,
             inverse_depth,
         })
     }
@@ -294,6 +317,8 @@ struct LayeredLight {
     /// For every group of maps, its flat targets, if the light's samples have one depth in it.
     flat: Vec<Option<FlatTargets>>,
     transparent: bool,
+    /// What answers next to receivers, before the first group.
+    near: Option<Near>,
 }
 
 struct PreparedLayered {
@@ -319,11 +344,15 @@ impl Method for Layered {
     ) -> Result<Box<dyn Prepared>> {
         let frame = geometry.frame;
         let casters = Casters::new(self.name(), geometry, self.takes_transparent())?;
+        if self.settings.near > 0.0 {
+            casters.geometry().occluders();
+        }
         let start = Instant::now();
         let mut found = Vec::with_capacity(lights.len());
         for light in lights {
             let groups = self.maps(&casters, light, control)?;
-            found.push(LayeredLight::new(self.sampler(*light), groups));
+            let near = self.near(&casters, light, &groups);
+            found.push(LayeredLight::new(self.sampler(*light), groups, near));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
@@ -338,12 +367,13 @@ impl Method for Layered {
 struct Scratch {
     samples: LightSamples,
     stack: Stack,
+    nodes: packet::Stack,
     axes: [Axis; 2],
     slopes: [Vec<f32>; 2],
 }
 
 impl LayeredLight {
-    fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>) -> Self {
+    fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>, near: Option<Near>) -> Self {
         let flat = groups.iter().map(|maps| FlatTargets::new(&sampler, maps));
         LayeredLight {
             light: *sampler.light(),
@@ -351,18 +381,20 @@ impl LayeredLight {
             transparent: groups.iter().flatten().any(LayerMap::is_transparent),
             sampler,
             groups,
+            near,
         }
     }
 
     /// Fraction of the light that a receiver sees.
-    fn visibility(&self, p: DVec3, n: DVec3, tracing: &Tracing, s: &mut Scratch) -> f32 {
+    fn visibility(&self, receiver: &Receiver, tracing: &Tracing, s: &mut Scratch) -> f32 {
+        let Receiver { p, n, .. } = *receiver;
         let h = self.light.fraction_above(p, n);
         if h == 0.0 {
             return 0.0;
         }
         let count = self.sampler.len();
         let flat = self.flat.iter().all(Option::is_some);
-        if !flat && h == 1.0 && !self.meets_sphere(p, n, tracing, &mut s.stack) {
+        if !flat && h == 1.0 && !self.meets_sphere(receiver, tracing, s) {
             return 1.0;
         }
         if h < 1.0 || !flat {
@@ -385,9 +417,17 @@ impl LayeredLight {
             for (g, maps) in self.groups.iter().enumerate() {
                 let cameras = maps.iter().map(|m| &m.view.camera);
                 let map = &maps[most_central(cameras, self.light.center(), p)];
+                // Triangles answer once, before the first group's map.
+                let near = self.near.as_ref().filter(|_| g == 0);
+                let look = Look {
+                    map,
+                    near,
+                    tracing,
+                    receiver,
+                };
                 match &self.flat[g] {
-                    Some(targets) => self.trace_flat(map, targets, b, p, n, tracing, &mut seen, s),
-                    None => self.trace_each(map, start, within, p, n, tracing, &mut seen, s),
+                    Some(targets) => look.flat(targets, b, &mut seen, s),
+                    None => look.each(start, within, &mut seen, s),
                 }
                 if seen.open.is_empty() && !self.transparent {
                     break;
@@ -400,7 +440,8 @@ impl LayeredLight {
 
     /// Whether anything may be between a receiver and a sphere. It costs far less than its light samples, which
     /// are others for every receiver, and most receivers are lit.
-    fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
+    fn meets_sphere(&self, receiver: &Receiver, tracing: &Tracing, s: &mut Scratch) -> bool {
+        let p = receiver.p;
         let center = self.light.center();
         let Some(SphereLight { radius, .. }) = self.light.as_sphere() else {
             return true;
@@ -408,7 +449,7 @@ impl LayeredLight {
         if (p - center).length() <= radius {
             return true;
         }
-        self.groups.iter().any(|maps| {
+        self.groups.iter().enumerate().any(|(g, maps)| {
             let map = &maps[most_central(maps.iter().map(|m| &m.view.camera), center, p)];
             let start = map.view.project(p);
             let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -441,27 +482,58 @@ impl LayeredLight {
                 rows,
                 axes: None,
                 end: high.z as f32,
-                plane: tangent_plane(map, p, n),
+                plane: tangent_plane(map, receiver),
+                near: 0.0,
+            };
+            let look = Look {
+                map,
+                near: self.near.as_ref().filter(|_| g == 0),
+                tracing,
+                receiver,
             };
             let mut seen = SampleVisibility::new(Mask::first(1));
-            trace(map, tracing, &pencil, &mut seen, stack);
+            look.along(pencil, [&[]; 3], &mut seen, &mut s.stack, &mut s.nodes);
             seen.open.is_empty()
         })
     }
+}
 
-    #[allow(clippy::too_many_arguments, reason = "one call")]
-    fn trace_flat(
+/// One receiver's look into one map.
+struct Look<'a> {
+    map: &'a LayerMap,
+    /// What answers before the map.
+    near: Option<&'a Near>,
+    tracing: &'a Tracing,
+    receiver: &'a Receiver,
+}
+
+impl Look<'_> {
+    /// Removes what is hidden of the samples at `points`, before the map takes over and then in it.
+    fn along(
         &self,
-        map: &LayerMap,
+        mut pencil: Pencil<'_>,
+        points: [&[Row]; 3],
+        seen: &mut SampleVisibility,
+        stack: &mut Stack,
+        nodes: &mut packet::Stack,
+    ) {
+        let (map, how) = (self.map, self.tracing);
+        if let Some(near) = self.near {
+            pencil.near = near.depth(&pencil);
+            near.hide(map, how, &pencil, self.receiver, points, seen, nodes);
+        }
+        trace(map, how, &pencil, seen, stack);
+    }
+
+    /// Looks at the samples of a block of a flat light.
+    fn flat(
+        &self,
         targets: &FlatTargets,
         block: usize,
-        p: DVec3,
-        n: DVec3,
-        tracing: &Tracing,
         seen: &mut SampleVisibility,
         s: &mut Scratch,
     ) {
-        let start = map.view.project(p);
+        let start = self.map.view.project(self.receiver.p);
         let ahead = targets.inverse_depth - start.z;
         if start.z <= 0.0 || ahead <= 0.0 || !start.is_finite() {
             return;
@@ -477,24 +549,17 @@ impl LayeredLight {
             rows: slopes(rows, start.y),
             axes: Some([columns, rows]),
             end: targets.inverse_depth as f32,
-            plane: tangent_plane(map, p, n),
+            plane: tangent_plane(self.map, self.receiver),
+            near: 0.0,
         };
-        trace(map, tracing, &pencil, seen, &mut s.stack);
+        let points = rows_from(&targets.points, block * BLOCK);
+        self.along(pencil, points, seen, &mut s.stack, &mut s.nodes);
     }
 
-    #[allow(clippy::too_many_arguments, reason = "one call")]
-    fn trace_each(
-        &self,
-        map: &LayerMap,
-        first: usize,
-        count: usize,
-        p: DVec3,
-        n: DVec3,
-        tracing: &Tracing,
-        seen: &mut SampleVisibility,
-        s: &mut Scratch,
-    ) {
-        let start = map.view.project(p);
+    /// Looks at the samples of a receiver, which are at hand, from the `first` on.
+    fn each(&self, first: usize, count: usize, seen: &mut SampleVisibility, s: &mut Scratch) {
+        let view = &self.map.view;
+        let start = view.project(self.receiver.p);
         if start.z <= 0.0 || !start.is_finite() {
             return;
         }
@@ -505,7 +570,7 @@ impl LayeredLight {
         let mut ahead = Mask::NONE;
         let (mut nearest, mut farthest) = (0.0f64, f64::INFINITY);
         for i in 0..count {
-            let q = map.view.project(s.samples.point(first + i).as_dvec3());
+            let q = view.project(s.samples.point(first + i).as_dvec3());
             let step = q.z - start.z;
             // A light point that is no nearer to the eye than the receiver: nothing is between them that the map
             // could tell from the light.
@@ -524,7 +589,8 @@ impl LayeredLight {
             axes,
             slopes,
             stack,
-            ..
+            nodes,
+            samples,
         } = s;
         for (axis, slopes) in axes.iter_mut().zip(slopes) {
             axis.set(slopes, valid);
@@ -536,20 +602,28 @@ impl LayeredLight {
             axes: Some([&axes[0], &axes[1]]),
             // Between the nearest and the farthest of the light's points (Section 4.3).
             end: (0.5 * (nearest + farthest)) as f32,
-            plane: tangent_plane(map, p, n),
+            plane: tangent_plane(self.map, self.receiver),
+            near: 0.0,
         };
         let mut traced = SampleVisibility {
             open: valid,
             through: seen.through,
         };
-        trace(map, tracing, &pencil, &mut traced, stack);
+        let points = rows_from(&samples.points, first);
+        self.along(pencil, points, &mut traced, stack, nodes);
         seen.open = seen.open.without(valid) | traced.open;
         seen.through = traced.through;
     }
 }
 
+/// The rows of light points from a sample on.
+fn rows_from(points: &[Vec<Row>; 3], first: usize) -> [&[Row]; 3] {
+    points.each_ref().map(|axis| &axis[first / LANES..])
+}
+
 /// How the height over a receiver's tangent plane, times inverse depth, grows in a map.
-fn tangent_plane(map: &LayerMap, p: DVec3, n: DVec3) -> [f32; 3] {
+fn tangent_plane(map: &LayerMap, receiver: &Receiver) -> [f32; 3] {
+    let Receiver { p, n, .. } = *receiver;
     let camera = &map.view.camera;
     let seen = camera.rotation * n;
     let per_texel = 1.0 / map.view.focal;
@@ -567,8 +641,12 @@ impl Prepared for PreparedLayered {
         let visibility =
             receivers.by_groups(control, 0.0, Scratch::default, |scratch, range, out| {
                 for (i, out) in range.zip(out) {
-                    let (p, n) = (receivers.positions[i], receivers.normals[i]);
-                    *out = maps.visibility(p, n, &self.tracing, scratch);
+                    let receiver = Receiver {
+                        p: receivers.positions[i],
+                        n: receivers.normals[i],
+                        origin: receivers.ray_origin(i),
+                    };
+                    *out = maps.visibility(&receiver, &self.tracing, scratch);
                 }
                 Ok(())
             })?;

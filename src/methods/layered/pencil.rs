@@ -14,6 +14,9 @@ pub(super) const ROUNDING: f32 = 8.0 * f32::EPSILON;
 /// Depths nearer to the receiver than this count as at it: only to divide by something.
 pub(super) const TINY: f32 = 1e-30;
 
+/// Up to this many of 64 samples are attenuated one by one; more go through lanes.
+const FEW: u32 = 8;
+
 /// Adding it to a number from 0 to 2²² leaves the nearest whole number in the low bits.
 const WHOLE: f32 = (1 << 23) as f32;
 
@@ -48,6 +51,8 @@ pub struct Pencil<'a> {
     /// Height over the tangent plane, times inverse depth, grows so much per column, row and inverse depth; 0
     /// without a tangent plane.
     pub plane: [f32; 3],
+    /// Depth over the receiver up to which the map has nothing to say, since triangles have answered; not negative.
+    pub near: f32,
 }
 
 /// The samples of a pencil, and what reaches them.
@@ -65,6 +70,49 @@ impl SampleVisibility {
             open,
             through: [Row([1.0; LANES]); BINS / LANES],
         }
+    }
+
+    /// Attenuates samples that a surface is met by: multiplies what reaches them, or subtracts from it.
+    #[inline(always)]
+    pub(super) fn attenuate<S: Simd>(
+        &mut self,
+        simd: S,
+        met: Mask,
+        through: f32,
+        how: &Tracing,
+    ) {
+        let mut done = Mask::NONE;
+        for word in 0..4 {
+            let mut left = met.0[word];
+            // A piece is met by few samples, as a rule.
+            if left.count_ones() <= FEW {
+                while left != 0 {
+                    let bit = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    let sample = &mut self.through[4 * word + bit / LANES].0[bit % LANES];
+                    *sample = if how.subtract {
+                        (*sample - through).max(0.0)
+                    } else {
+                        *sample * through
+                    };
+                    done.0[word] |= u64::from(*sample <= how.threshold) << bit;
+                }
+                continue;
+            }
+            for r in 4 * word..4 * word + 4 {
+                let bits = met.row(r);
+                let old = self.through[r].load(simd);
+                let new = if how.subtract {
+                    (old - through).greater(0.0)
+                } else {
+                    old * through
+                };
+                self.through[r].set(new.where_bits(bits, old));
+                let closed = new.le(how.threshold) & bits;
+                done.0[word] |= u64::from(closed) << (LANES * (r % 4));
+            }
+        }
+        self.open = self.open.without(done);
     }
 
     /// Sum of the samples' transmittances.

@@ -18,10 +18,7 @@ use glam::{BVec4A, Vec4};
 use super::masks::Mask;
 use super::pencil::{FIRST, OUTWARD, ROUNDING, SampleVisibility, SideBins, TINY, Walk};
 use crate::maps::layers::map::{Block, Level};
-use crate::simd::{LANES, Lanes, Row, join, swap_fours};
-
-/// Up to this many of 64 samples are attenuated one by one; more go through lanes.
-const FEW: u32 = 8;
+use crate::simd::{Lanes, Row, join, swap_fours};
 
 /// By how much the middle of a part of a texel may be off, in texels: its sides are rounded to quarters.
 const OFF: f32 = 0.125;
@@ -37,6 +34,8 @@ pub(super) struct Four {
     pub(super) size: f32,
     /// Depths over the receiver that this level answers for.
     pub(super) band: [f32; 2],
+    /// Whether triangles answer for what is before these depths.
+    pub(super) after_triangles: bool,
     /// Depth of the light over the receiver, at which segments end.
     pub(super) end: f32,
     /// Least and largest of what each node holds.
@@ -44,6 +43,29 @@ pub(super) struct Four {
 }
 
 impl Four {
+    /// The slopes of four pieces.
+    #[inline(always)]
+    fn slopes(&self, block: &Block) -> [Vec4; 2] {
+        if self.size > 1.0 {
+            block.coarse_slopes()
+        } else {
+            block.slopes()
+        }
+    }
+
+    /// Which of four opaque pieces reach beyond the nearer end of this level's band. Where triangles answer before it, a
+    /// piece that stands for several of them may be deeper on one side than in its middle.
+    #[inline(always)]
+    fn begins(&self, depths: Vec4, block: &Block) -> u32 {
+        let from = Vec4::splat(self.band[0]);
+        if !self.after_triangles {
+            return depths.cmpgt(from).bitmask();
+        }
+        let [gx, gy] = self.slopes(block);
+        let reach = (gx.abs() + gy.abs()) * 0.5;
+        (depths + reach).cmpgt(from).bitmask()
+    }
+
     /// Which of four opaque pieces this level answers for. A steep surface rises within a texel of the next level from
     /// one band into the other: with its middle in this one, that level leaves it out, so that here whatever reaches
     /// into this band counts. Where both answer, what is hidden is hidden.
@@ -55,11 +77,7 @@ impl Four {
         if within == end {
             return within;
         }
-        let [gx, gy] = if self.size > 1.0 {
-            block.coarse_slopes()
-        } else {
-            block.slopes()
-        };
+        let [gx, gy] = self.slopes(block);
         let reach = (gx.abs() + gy.abs()) * 0.5;
         end & (depths - reach).cmple(to).bitmask()
     }
@@ -84,7 +102,7 @@ impl Walk<'_> {
         for (i, block) in data.blocks[at..at + k].iter().enumerate() {
             let depths = Vec4::from_array(block.inverse_depth) - w;
             if !self.transparent {
-                let ahead = depths.cmpgt(from).bitmask() & leaves;
+                let ahead = four.begins(depths, block) & leaves;
                 // The layers behind lie deeper still.
                 if ahead == 0 {
                     return;
@@ -141,7 +159,11 @@ impl Walk<'_> {
                 let active = here & depths.cmpgt(from).bitmask() & depths.cmple(to).bitmask();
                 if active != 0 {
                     self.met(simd, active, depths, block, four, |c, met| {
-                        self.attenuate(simd, met & seen.open, through[c], seen);
+                        if (through[c] == 0.0 && !self.how.subtract) || self.pencil.axes.is_none() {
+                            seen.open = seen.open.without(met);
+                        } else {
+                            seen.attenuate(simd, met & seen.open, through[c], self.how);
+                        }
                     });
                 }
             }
@@ -261,46 +283,6 @@ impl Walk<'_> {
             }
             (depths - across - down).abs().cmpgt(margin).bitmask()
         }
-    }
-
-    #[inline(always)]
-    fn attenuate<S: Simd>(&self, simd: S, met: Mask, through: f32, seen: &mut SampleVisibility) {
-        if (through == 0.0 && !self.how.subtract) || self.pencil.axes.is_none() {
-            seen.open = seen.open.without(met);
-            return;
-        }
-        let mut done = Mask::NONE;
-        for word in 0..4 {
-            let mut left = met.0[word];
-            // A piece is met by few samples, as a rule.
-            if left.count_ones() <= FEW {
-                while left != 0 {
-                    let bit = left.trailing_zeros() as usize;
-                    left &= left - 1;
-                    let sample = &mut seen.through[4 * word + bit / LANES].0[bit % LANES];
-                    *sample = if self.how.subtract {
-                        (*sample - through).max(0.0)
-                    } else {
-                        *sample * through
-                    };
-                    done.0[word] |= u64::from(*sample <= self.how.threshold) << bit;
-                }
-                continue;
-            }
-            for r in 4 * word..4 * word + 4 {
-                let bits = met.row(r);
-                let old = seen.through[r].load(simd);
-                let new = if self.how.subtract {
-                    (old - through).greater(0.0)
-                } else {
-                    old * through
-                };
-                seen.through[r].set(new.where_bits(bits, old));
-                let closed = new.le(self.how.threshold) & bits;
-                done.0[word] |= u64::from(closed) << (LANES * (r % 4));
-            }
-        }
-        seen.open = seen.open.without(done);
     }
 }
 

@@ -118,21 +118,22 @@ impl Walk<'_> {
         let quad: &Quad = &data.quads[y as usize * across + x as usize];
         let size = (1u64 << level) as f32;
         let answers = |level: u32| self.band * GROWTH[level as usize];
-        let (from, to) = (
-            if level == 0 { 0.0 } else { answers(level - 1) },
-            if top {
-                f32::MAX
-            } else {
-                answers(level + finer)
-            },
-        );
+        let before = if level == 0 { 0.0 } else { answers(level - 1) };
+        let to = if top {
+            f32::MAX
+        } else {
+            answers(level + finer)
+        };
+        // Triangles answer in place of finer levels, or of this one's part of them.
+        let from = before.max(self.pencil.near);
+        let goes_on = before > self.pencil.near;
         let w = Vec4::splat(self.w);
         let end = self.pencil.end - self.w;
         let near = Vec4::from_array(quad.high) - w;
         let far = (Vec4::from_array(quad.low) - w).max(Vec4::splat(TINY));
         let near = near.min(Vec4::splat(to.min(end)));
         // Nothing before the receiver and the light, or all left to coarser levels.
-        let mut some = near.cmpge(far).bitmask();
+        let mut some = near.cmpge(far.max(Vec4::splat(self.pencil.near))).bitmask();
         if some == 0 {
             return;
         }
@@ -170,11 +171,11 @@ impl Walk<'_> {
             }
         }
         let sides = [left, right, upper, lower];
-        let all = self.widest(simd, sides, far, near);
+        let all = self.widest(simd, sides, far.max(Vec4::splat(self.pencil.near)), near);
         // What finer levels answer for is seen under less of them.
         let straddle =
             near.cmpgt(Vec4::splat(from)).bitmask() & far.cmple(Vec4::splat(from)).bitmask();
-        let nearer = if level > 0 && straddle != 0 {
+        let nearer = if goes_on && straddle != 0 {
             self.widest(simd, sides, far, near.min(Vec4::splat(from)))
         } else {
             all
@@ -228,7 +229,7 @@ impl Walk<'_> {
             if near[i] > from && !outline {
                 leaves |= 1 << i;
             }
-            if level > 0 && (far[i] <= from || outline) {
+            if (goes_on && far[i] <= from) || outline {
                 let met = if outline {
                     met
                 } else {
@@ -264,6 +265,7 @@ impl Walk<'_> {
                 upper: Vec4::new(v, v, v + size, v + size),
                 size,
                 band: [from, to],
+                after_triangles: from > before,
                 end,
                 range: [far, Vec4::from_array(quad.high) - w],
             };
