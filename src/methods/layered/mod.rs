@@ -6,7 +6,7 @@
 //! - [`given`]: a map from a user's own arrays instead;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver, by
 //!   its [`pencil`] of segments; `pieces`: what surfaces in texels hide of them;
-//! - `near`: triangles next to a receiver, in place of the map.
+//! - `look`: one receiver's samples in one map; `near`: triangles next to a receiver, in place of the map.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
 //! depths from all three.
@@ -18,6 +18,7 @@
 
 pub mod choose;
 pub mod given;
+mod look;
 pub mod masks;
 mod near;
 pub mod pencil;
@@ -30,9 +31,8 @@ use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
-use crate::bvh::packet;
 use crate::casters::Casters;
 use crate::control::Control;
 use crate::error::{Result, in_range};
@@ -47,17 +47,21 @@ use crate::maps::views::most_central;
 use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::MOST_SAMPLES;
-use crate::sampling::{LightSamples, Pattern, Sampler};
-use crate::simd::{LANES, Row};
+use crate::sampling::{Pattern, Sampler};
 use given::Given;
-use masks::{Axis, BLOCK, Mask, spread};
-use near::{Near, Receiver};
+use masks::{BLOCK, Mask, spread};
+use look::{FlatTargets, Look, Receiver, Scratch, tangent_plane};
+use near::Near;
 use pencil::{Pencil, SampleVisibility, Tracing};
-use tracing::{Stack, trace};
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.
 const CHOICE: usize = 2;
+
+/// Texels that are told apart everywhere across the light, of [`LayeredSettings::detail`], where triangles answer next
+/// to receivers: without the receiver's own surface, levels cost less there. Less of them and flat hair is off by a
+/// tenth more; half as many again, and it takes a third more time.
+const LEAST: f32 = 0.4;
 
 /// Which of the paper's maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -223,31 +227,38 @@ impl Layered {
         let groups = groups.iter().map(group).collect::<Result<_>>()?;
         Ok(PreparedLayered {
             lights: vec![LayeredLight::new(self.sampler(light), groups, None)],
-            tracing: self.tracing(frame),
+            tracing: self.tracing(frame, false),
             seconds: Vec::new(),
         })
     }
 
-    fn tracing(&self, frame: &Frame) -> Tracing {
+    /// Whether triangles answer next to receivers; not where the map's own ray is what counts.
+    fn triangles_answer(&self) -> bool {
+        self.settings.near > 0.0 && !self.settings.subtract
+    }
+
+    fn tracing(&self, frame: &Frame, triangles_answer: bool) -> Tracing {
         let settings = &self.settings;
         Tracing {
             thickness: (settings.z_threshold.unwrap_or(0.0) / frame.unit) as f32,
             bias: (settings.bias / frame.unit) as f32,
             detail: settings.detail as f32,
+            least: if triangles_answer {
+                LEAST * settings.detail as f32
+            } else {
+                0.0
+            },
             threshold: settings.threshold as f32,
             subtract: settings.subtract,
         }
     }
 
-    /// What answers next to receivers for the maps of a local light; nothing where the map's own ray is what counts.
+    /// What answers next to receivers, before the first group of maps of a local light.
     fn near(&self, casters: &Casters, light: &Light, groups: &[Vec<LayerMap>]) -> Option<Near> {
-        let settings = &self.settings;
         let maps = groups.first()?;
-        let wanted = settings.near > 0.0 && !settings.subtract;
-        wanted.then(|| {
-            let texels = settings.near as f32;
-            Near::new(casters.shared(), light, maps, settings.opaque, texels)
-        })
+        let texels = self.settings.near as f32;
+        self.triangles_answer()
+            .then(|| Near::new(casters.shared(), light, maps, self.settings.opaque, texels))
     }
 
     /// The light points of a local light, the `number`-th of a scene.
@@ -256,59 +267,6 @@ impl Layered {
         Sampler::new(light, pattern, true)
     }
 }
-
-/// The samples of a flat light in a map that is drawn along its normal: they are the same for all receivers.
-struct FlatTargets {
-    /// Columns and rows, block by block.
-    axes: Vec<[Axis; 2]>,
-    /// Their points, local.
-    points: [Vec<Row>; 3],
-    /// Inverse depth of all of them.
-    inverse_depth: f64,
-}
-
-impl FlatTargets {
-    /// Targets in the only map of a group; `None` if there are several maps, or if the light's samples differ in depth
-    /// there.
-    fn new(sampler: &Sampler, maps: &[LayerMap]) -> Option<Self> {
-        let (light, [map]) = (sampler.light(), maps) else {
-            return None;
-        };
-        let normal = light.normal()?;
-        let axis = map.view.camera.rotation.row(2);
-        if axis.cross(normal).length() > ALONG || axis.dot(normal) < 0.0 {
-            return None;
-        }
-        let mut samples = LightSamples::default();
-        sampler.fill(0, light.center() + normal, DVec3::ZERO, &mut samples);
-        let mut axes = Vec::new();
-        let mut inverse_depth = 0.0f64;
-        for start in (0..samples.count).step_by(BLOCK) {
-            let points = start..(start + BLOCK).min(samples.count);
-            let projected: Vec<DVec3> = points
-                .map(|i| map.view.project(samples.point(i).as_dvec3()))
-                .collect();
-            let mut pair = [Axis::default(), Axis::default()];
-            for (k, axis) in pair.iter_mut().enumerate() {
-                let coordinates: Vec<f32> = projected.iter().map(|p| p[k] as f32).collect();
-                axis.set(&coordinates, Mask::first(coordinates.len()));
-            }
-            axes.push(pair);
-            // They differ by the rounding of the points.
-            let largest = projected.iter().map(|p| p.z).fold(0.0, f64::max);
-            inverse_depth = inverse_depth.max(largest);
-        }
-        Some(FlatTargets {
-            axes,
-            points: samples.points,
-            inverse_depth,
-        })
-    }
-}
-
-/// Sine of the angle between a flat light's normal and a map's axis up to which they are one: it puts the light's
-/// points apart in depth by as little as rounding does.
-const ALONG: f64 = f32::EPSILON as f64;
 
 struct LayeredLight {
     light: Light,
@@ -344,7 +302,7 @@ impl Method for Layered {
     ) -> Result<Box<dyn Prepared>> {
         let frame = geometry.frame;
         let casters = Casters::new(self.name(), geometry, self.takes_transparent())?;
-        if self.settings.near > 0.0 {
+        if self.triangles_answer() {
             casters.geometry().occluders();
         }
         let start = Instant::now();
@@ -356,20 +314,10 @@ impl Method for Layered {
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
-            tracing: self.tracing(&frame),
+            tracing: self.tracing(&frame, self.triangles_answer()),
             seconds: vec![("maps", start.elapsed().as_secs_f64())],
         }))
     }
-}
-
-/// What a thread keeps between receivers.
-#[derive(Default)]
-struct Scratch {
-    samples: LightSamples,
-    stack: Stack,
-    nodes: packet::Stack,
-    axes: [Axis; 2],
-    slopes: [Vec<f32>; 2],
 }
 
 impl LayeredLight {
@@ -496,143 +444,6 @@ impl LayeredLight {
             seen.open.is_empty()
         })
     }
-}
-
-/// One receiver's look into one map.
-struct Look<'a> {
-    map: &'a LayerMap,
-    /// What answers before the map.
-    near: Option<&'a Near>,
-    tracing: &'a Tracing,
-    receiver: &'a Receiver,
-}
-
-impl Look<'_> {
-    /// Removes what is hidden of the samples at `points`, before the map takes over and then in it.
-    fn along(
-        &self,
-        mut pencil: Pencil<'_>,
-        points: [&[Row]; 3],
-        seen: &mut SampleVisibility,
-        stack: &mut Stack,
-        nodes: &mut packet::Stack,
-    ) {
-        let (map, how) = (self.map, self.tracing);
-        if let Some(near) = self.near {
-            pencil.near = near.depth(&pencil);
-            near.hide(map, how, &pencil, self.receiver, points, seen, nodes);
-        }
-        trace(map, how, &pencil, seen, stack);
-    }
-
-    /// Looks at the samples of a block of a flat light.
-    fn flat(
-        &self,
-        targets: &FlatTargets,
-        block: usize,
-        seen: &mut SampleVisibility,
-        s: &mut Scratch,
-    ) {
-        let start = self.map.view.project(self.receiver.p);
-        let ahead = targets.inverse_depth - start.z;
-        if start.z <= 0.0 || ahead <= 0.0 || !start.is_finite() {
-            return;
-        }
-        let [columns, rows] = &targets.axes[block];
-        let slopes = |axis: &Axis, from: f64| {
-            let low = (f64::from(axis.low) - from) / ahead;
-            [low as f32, (f64::from(axis.extent) / ahead) as f32]
-        };
-        let pencil = Pencil {
-            start,
-            columns: slopes(columns, start.x),
-            rows: slopes(rows, start.y),
-            axes: Some([columns, rows]),
-            end: targets.inverse_depth as f32,
-            plane: tangent_plane(self.map, self.receiver),
-            near: 0.0,
-        };
-        let points = rows_from(&targets.points, block * BLOCK);
-        self.along(pencil, points, seen, &mut s.stack, &mut s.nodes);
-    }
-
-    /// Looks at the samples of a receiver, which are at hand, from the `first` on.
-    fn each(&self, first: usize, count: usize, seen: &mut SampleVisibility, s: &mut Scratch) {
-        let view = &self.map.view;
-        let start = view.project(self.receiver.p);
-        if start.z <= 0.0 || !start.is_finite() {
-            return;
-        }
-        for slopes in &mut s.slopes {
-            slopes.clear();
-            slopes.resize(count, 0.0);
-        }
-        let mut ahead = Mask::NONE;
-        let (mut nearest, mut farthest) = (0.0f64, f64::INFINITY);
-        for i in 0..count {
-            let q = view.project(s.samples.point(first + i).as_dvec3());
-            let step = q.z - start.z;
-            // A light point that is no nearer to the eye than the receiver: nothing is between them that the map
-            // could tell from the light.
-            if step > 0.0 && q.z.is_finite() {
-                ahead.0[i / 64] |= 1 << (i % 64);
-                s.slopes[0][i] = ((q.x - start.x) / step) as f32;
-                s.slopes[1][i] = ((q.y - start.y) / step) as f32;
-                (nearest, farthest) = (nearest.max(q.z), farthest.min(q.z));
-            }
-        }
-        let valid = ahead & seen.open;
-        if valid.is_empty() {
-            return;
-        }
-        let Scratch {
-            axes,
-            slopes,
-            stack,
-            nodes,
-            samples,
-        } = s;
-        for (axis, slopes) in axes.iter_mut().zip(slopes) {
-            axis.set(slopes, valid);
-        }
-        let pencil = Pencil {
-            start,
-            columns: [axes[0].low, axes[0].extent],
-            rows: [axes[1].low, axes[1].extent],
-            axes: Some([&axes[0], &axes[1]]),
-            // Between the nearest and the farthest of the light's points (Section 4.3).
-            end: (0.5 * (nearest + farthest)) as f32,
-            plane: tangent_plane(self.map, self.receiver),
-            near: 0.0,
-        };
-        let mut traced = SampleVisibility {
-            open: valid,
-            through: seen.through,
-        };
-        let points = rows_from(&samples.points, first);
-        self.along(pencil, points, &mut traced, stack, nodes);
-        seen.open = seen.open.without(valid) | traced.open;
-        seen.through = traced.through;
-    }
-}
-
-/// The rows of light points from a sample on.
-fn rows_from(points: &[Vec<Row>; 3], first: usize) -> [&[Row]; 3] {
-    points.each_ref().map(|axis| &axis[first / LANES..])
-}
-
-/// How the height over a receiver's tangent plane, times inverse depth, grows in a map.
-fn tangent_plane(map: &LayerMap, receiver: &Receiver) -> [f32; 3] {
-    let Receiver { p, n, .. } = *receiver;
-    let camera = &map.view.camera;
-    let seen = camera.rotation * n;
-    let per_texel = 1.0 / map.view.focal;
-    let plane = Vec3::new(
-        (seen.x * per_texel) as f32,
-        (seen.y * per_texel) as f32,
-        n.dot(camera.eye - p) as f32,
-    );
-    plane.to_array()
 }
 
 impl Prepared for PreparedLayered {

@@ -10,17 +10,19 @@
 //! has the same function from either of its triangles, but for the sign, so that no segment passes between them.
 //! The receiver's side of the triangle's plane is exact, as for rays ([`crate::bvh`]).
 //!
-//! **Where the map takes over**, [`Pencil::near`]. An opaque triangle that reaches below this depth counts as a whole, and
-//! so does what the map holds beyond it: nothing is between them, and what is hidden twice is hidden. A transparent
-//! triangle is cut at the depth. The map counts a surface of a texel if it is deeper there.
+//! **Where the map takes over**, [`Pencil::near`]. The map counts a surface of a texel if its middle is deeper than that. A
+//! triangle is cut at the depth; an opaque one as much later as it rises within half a texel, so that
+//! nothing is between what both see of it. Had it counted as a whole, hairs would be in two shapes, the map's and their
+//! own, and together too wide.
 
 use std::sync::Arc;
 
 use fearless_simd::{dispatch, prelude::*};
 use glam::{DVec3, Vec3};
 
+use super::look::Look;
 use super::masks::{BLOCK, Mask};
-use super::pencil::{Pencil, SampleVisibility, Tracing};
+use super::pencil::{Bands, Pencil, SampleVisibility, Tracing};
 use crate::bvh::TriangleBvh;
 use crate::bvh::packet::{Stack, plane_side};
 use crate::bvh::pyramid::{PLANES, Pyramid, Search};
@@ -37,17 +39,6 @@ const WIDER: f64 = 1.0 / 1024.0;
 
 /// The least positive number: what is at least as large is greater than zero.
 const POSITIVE: f32 = f32::from_bits(1);
-
-/// A receiver.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Receiver {
-    /// Its place, local.
-    pub(super) p: DVec3,
-    /// Its normal; zero without a tangent plane.
-    pub(super) n: DVec3,
-    /// Where segments against triangles begin: moved off its surface.
-    pub(super) origin: Vec3,
-}
 
 /// The triangles that answer next to receivers, for one light.
 pub(super) struct Near {
@@ -86,25 +77,22 @@ impl Near {
 
     /// Depth over a receiver up to which triangles answer.
     pub(super) fn depth(&self, pencil: &Pencil<'_>) -> f32 {
-        let across = pencil.columns[1].max(pencil.rows[1]);
         let ahead = pencil.end - pencil.start.z as f32;
-        (self.texels / across).min(ahead).max(0.0)
+        (self.texels / pencil.width()).min(ahead).max(0.0)
     }
 
     /// Removes from `seen` what triangles hide of a pencil's samples at `points`, up to its depth; all of them, if
     /// something is in the pencil of an unknown light.
     pub(super) fn hide(
         &self,
-        map: &LayerMap,
-        how: &Tracing,
+        look: &Look<'_>,
         pencil: &Pencil<'_>,
-        receiver: &Receiver,
         points: [&[Row]; 3],
         seen: &mut SampleVisibility,
         stack: &mut Stack,
     ) {
         if pencil.near > 0.0 {
-            let walk = NearWalk::new(self, map, how, pencil, receiver, points);
+            let walk = NearWalk::new(self, look, pencil, points);
             dispatch!(detect(), simd => walk.all(simd, seen, stack));
         }
     }
@@ -166,8 +154,14 @@ struct NearWalk<'a> {
     points: [&'a [Row]; 3],
     /// From the map's eye to what it sees.
     forward: DVec3,
-    /// Height over the receiver, against that, up to which triangles answer.
+    /// Depth over the receiver up to which triangles answer, its own depth, and the same as a height, against that.
+    depth: f64,
+    start: f64,
     height: f64,
+    /// The map's eye, and by how much a triangle's plane rises within half a texel of the level that takes over, over its
+    /// slope in tangents.
+    eye: DVec3,
+    across: [DVec3; 2],
     /// Distance from a triangle's plane that counts as none, for a receiver that may lie on it.
     on_surface: f64,
     /// Whether there are no samples, and whatever is met hides all.
@@ -177,17 +171,23 @@ struct NearWalk<'a> {
 impl<'a> NearWalk<'a> {
     fn new(
         near: &'a Near,
-        map: &LayerMap,
-        how: &'a Tracing,
+        look: &Look<'a>,
         pencil: &Pencil<'_>,
-        receiver: &Receiver,
         points: [&'a [Row]; 3],
     ) -> Self {
+        let Look {
+            map,
+            tracing: how,
+            receiver,
+            ..
+        } = *look;
         let (view, start) = (&map.view, pencil.start);
         let rotation = view.camera.rotation;
         let [right, down, forward] = [0, 1, 2].map(|i| rotation.row(i));
         let depth = f64::from(pencil.near);
         let height = depth / (start.z * (start.z + depth));
+        let level = Bands::new(map, how, pencil).at(pencil.near);
+        let half_texel = 0.5 * f64::from(level).exp2() / view.focal;
         // Points of one slope in the map are a plane through the receiver.
         let center = view.camera.intrinsics.z_axis;
         let side = |axis: DVec3, from_center: f64, slope: f64, inward: f64| {
@@ -223,8 +223,16 @@ impl<'a> NearWalk<'a> {
             pyramid: Pyramid::new(receiver.origin, planes),
             points,
             forward,
+            depth,
+            start: start.z,
             height,
-            on_surface: if has_plane { 0.0 } else { 4.0 * POINT_OFFSET * largest },
+            eye: view.camera.eye,
+            across: [right * half_texel, down * half_texel],
+            on_surface: if has_plane {
+                0.0
+            } else {
+                4.0 * POINT_OFFSET * largest
+            },
             blind: pencil.axes.is_none(),
         }
     }
@@ -292,7 +300,11 @@ impl<'a> NearWalk<'a> {
             return;
         }
         let mut met = self.within(simd, &sides, seen.open);
-        if !met.is_empty() && extra.iter().any(|h| h.least > 0.0 || h.normal != Vec3::ZERO) {
+        if !met.is_empty()
+            && extra
+                .iter()
+                .any(|h| h.least > 0.0 || h.normal != Vec3::ZERO)
+        {
             met = self.within(simd, &extra, met);
         }
         if met.is_empty() {
@@ -305,14 +317,14 @@ impl<'a> NearWalk<'a> {
         }
     }
 
-    /// The half-spaces of light points that are hidden by a triangle: inside of its edges; beyond it, and, if it is
-    /// `cut`, such that they are hidden by the part before the map takes over. Nothing if there are none.
+    /// The half-spaces of light points that are hidden by a triangle: inside of its edges; beyond it, and hidden by the
+    /// part before the map takes over, `exactly` or up to half a texel more. Nothing if there are none.
     #[inline(always)]
     fn half_spaces(
         &self,
         corners: &[Vec3; 3],
         from: &[Vec3; 3],
-        cut: bool,
+        exactly: bool,
     ) -> Option<([HalfSpace; 3], [HalfSpace; 2])> {
         let origin = self.pyramid.origin;
         let side = plane_side(corners, origin);
@@ -339,11 +351,19 @@ impl<'a> NearWalk<'a> {
                 least: POSITIVE,
             };
         }
-        if cut {
-            let height = |v: &Vec3| -self.forward.dot(v.as_dvec3());
-            let highest = from.iter().map(height).fold(f64::MIN, f64::max);
-            if highest > self.height {
-                let plane = normal * self.height + self.forward * side.abs();
+        let height = |v: &Vec3| -self.forward.dot(v.as_dvec3());
+        let highest = from.iter().map(height).fold(f64::MIN, f64::max);
+        if highest > self.height {
+            let mut end = self.height;
+            if !exactly {
+                // Inverse depth in the map is `normal · direction / from_eye`.
+                let from_eye = normal.dot(a - self.eye).abs();
+                let rise = self.across.map(|axis| normal.dot(axis).abs());
+                let depth = self.start + self.depth + (rise[0] + rise[1]) / from_eye;
+                end = 1.0 / self.start - 1.0 / depth;
+            }
+            if highest > end {
+                let plane = normal * end + self.forward * side.abs();
                 extra[1] = HalfSpace::through(origin, plane.as_vec3());
             }
         }

@@ -34,8 +34,6 @@ pub(super) struct Four {
     pub(super) size: f32,
     /// Depths over the receiver that this level answers for.
     pub(super) band: [f32; 2],
-    /// Whether triangles answer for what is before these depths.
-    pub(super) after_triangles: bool,
     /// Depth of the light over the receiver, at which segments end.
     pub(super) end: f32,
     /// Least and largest of what each node holds.
@@ -43,29 +41,6 @@ pub(super) struct Four {
 }
 
 impl Four {
-    /// The slopes of four pieces.
-    #[inline(always)]
-    fn slopes(&self, block: &Block) -> [Vec4; 2] {
-        if self.size > 1.0 {
-            block.coarse_slopes()
-        } else {
-            block.slopes()
-        }
-    }
-
-    /// Which of four opaque pieces reach beyond the nearer end of this level's band. Where triangles answer before it, a
-    /// piece that stands for several of them may be deeper on one side than in its middle.
-    #[inline(always)]
-    fn begins(&self, depths: Vec4, block: &Block) -> u32 {
-        let from = Vec4::splat(self.band[0]);
-        if !self.after_triangles {
-            return depths.cmpgt(from).bitmask();
-        }
-        let [gx, gy] = self.slopes(block);
-        let reach = (gx.abs() + gy.abs()) * 0.5;
-        (depths + reach).cmpgt(from).bitmask()
-    }
-
     /// Which of four opaque pieces this level answers for. A steep surface rises within a texel of the next level from
     /// one band into the other: with its middle in this one, that level leaves it out, so that here whatever reaches
     /// into this band counts. Where both answer, what is hidden is hidden.
@@ -77,7 +52,11 @@ impl Four {
         if within == end {
             return within;
         }
-        let [gx, gy] = self.slopes(block);
+        let [gx, gy] = if self.size > 1.0 {
+            block.coarse_slopes()
+        } else {
+            block.slopes()
+        };
         let reach = (gx.abs() + gy.abs()) * 0.5;
         end & (depths - reach).cmple(to).bitmask()
     }
@@ -102,7 +81,7 @@ impl Walk<'_> {
         for (i, block) in data.blocks[at..at + k].iter().enumerate() {
             let depths = Vec4::from_array(block.inverse_depth) - w;
             if !self.transparent {
-                let ahead = four.begins(depths, block) & leaves;
+                let ahead = depths.cmpgt(from).bitmask() & leaves;
                 // The layers behind lie deeper still.
                 if ahead == 0 {
                     return;
