@@ -141,7 +141,8 @@ def test_a_thickness_darkens_and_a_bias_brightens():
     """Both only add or remove what hides samples, so that this holds sample by sample."""
     setup = ss.scenes.closed_solids(64, 64, detail=3)
     plain, thick, lifted = (
-        _seen(setup, ss.Mtsm(256, 4, **k)) for k in ({}, {"z_threshold": 0.02}, {"bias": 0.05})
+        _seen(setup, ss.Mtsm(256, 4, near=0.0, **k))
+        for k in ({}, {"z_threshold": 0.02}, {"bias": 0.05})
     )
     assert (thick <= plain).all()
     assert (lifted >= plain).all()
