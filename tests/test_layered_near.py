@@ -95,11 +95,11 @@ def test_both_sides_of_a_leaf_in_contact_with_another():
 def test_leaves_and_hair_are_as_dark_as_rays_find_them():
     """What a map cannot tell: penumbrae of what is a few texels away."""
     # Root mean square errors over what casts: with the map alone, and at most by default
-    # (measured: 0.072 and 0.0049, 0.030 and 0.014, 0.052 and 0.0078).
+    # (measured: 0.048 and 0.0041, 0.035 and 0.0145, 0.053 and 0.0061).
     for setup, alone, default in (
         (ss.scenes.tree(64, 64, leaves=20_000), 0.04, 0.007),
-        (ss.scenes.fur_ribbons(64, 64, triangles=30_000), 0.02, 0.015),
-        (ss.scenes.tree(64, 64, leaves=20_000, opacity=0.5), 0.03, 0.011),
+        (ss.scenes.fur_ribbons(64, 64, triangles=30_000), 0.03, 0.018),
+        (ss.scenes.tree(64, 64, leaves=20_000, opacity=0.5), 0.04, 0.009),
     ):
         view = (setup.scene, setup.camera, setup.light)
         exact = ss.render(*view, REFERENCE)
@@ -108,6 +108,5 @@ def test_leaves_and_hair_are_as_dark_as_rays_find_them():
         for method in (ss.Mtsm(1024, near=0.0), ss.Mtsm(1024)):
             seen = ss.render(*view, method).visibility.astype(np.float64)
             errors.append(np.sqrt(((seen - exact.visibility)[above] ** 2).mean()))
-        print(errors)
         assert errors[0] > alone
         assert errors[1] < default

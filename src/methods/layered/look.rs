@@ -144,7 +144,13 @@ impl Look<'_> {
     }
 
     /// Looks at the samples of a receiver, which are at hand, from the `first` on.
-    pub(super) fn each(&self, first: usize, count: usize, seen: &mut SampleVisibility, s: &mut Scratch) {
+    pub(super) fn each(
+        &self,
+        first: usize,
+        count: usize,
+        seen: &mut SampleVisibility,
+        s: &mut Scratch,
+    ) {
         let view = &self.map.view;
         let start = view.project(self.receiver.p);
         if start.z <= 0.0 || !start.is_finite() {

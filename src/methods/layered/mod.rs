@@ -49,8 +49,8 @@ use crate::receivers::Receivers;
 use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{Pattern, Sampler};
 use given::Given;
-use masks::{BLOCK, Mask, spread};
 use look::{FlatTargets, Look, Receiver, Scratch, tangent_plane};
+use masks::{BLOCK, Mask, spread};
 use near::Near;
 use pencil::{Pencil, SampleVisibility, Tracing};
 

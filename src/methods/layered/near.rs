@@ -21,7 +21,7 @@ use fearless_simd::{dispatch, prelude::*};
 use glam::{DVec3, Vec3};
 
 use super::look::Look;
-use super::masks::{BLOCK, Mask};
+use super::masks::{Axis, BINS, BLOCK, Mask};
 use super::pencil::{Bands, Pencil, SampleVisibility, Tracing};
 use crate::bvh::TriangleBvh;
 use crate::bvh::packet::{Stack, plane_side};
@@ -164,17 +164,15 @@ struct NearWalk<'a> {
     across: [DVec3; 2],
     /// Distance from a triangle's plane that counts as none, for a receiver that may lie on it.
     on_surface: f64,
-    /// Whether there are no samples, and whatever is met hides all.
-    blind: bool,
+    /// The samples by their slopes; without, whatever is met hides all.
+    axes: Option<[&'a Axis; 2]>,
+    /// Columns and rows of samples, and depth, in which a place above the receiver is seen: the former over the latter are
+    /// bins of the axes.
+    bins: [Vec3; 3],
 }
 
 impl<'a> NearWalk<'a> {
-    fn new(
-        near: &'a Near,
-        look: &Look<'a>,
-        pencil: &Pencil<'_>,
-        points: [&'a [Row]; 3],
-    ) -> Self {
+    fn new(near: &'a Near, look: &Look<'a>, pencil: &Pencil<'a>, points: [&'a [Row]; 3]) -> Self {
         let Look {
             map,
             tracing: how,
@@ -200,6 +198,10 @@ impl<'a> NearWalk<'a> {
         };
         let ([left, last], [upper, lower]) = (ends(pencil.columns), ends(pencil.rows));
         let (x, y) = (center.x - start.x, center.y - start.y);
+        let bins = |axis: DVec3, from_center: f64, [low, extent]: [f32; 2]| {
+            let slope = view.focal * axis + (from_center + f64::from(low) * start.z) * forward;
+            (slope * (BINS as f64 / f64::from(extent))).as_vec3()
+        };
         let everything = (Vec3::ZERO, 1.0);
         let has_plane = receiver.n != DVec3::ZERO;
         let planes: [(Vec3, f32); PLANES] = [
@@ -233,7 +235,12 @@ impl<'a> NearWalk<'a> {
             } else {
                 4.0 * POINT_OFFSET * largest
             },
-            blind: pencil.axes.is_none(),
+            axes: pencil.axes,
+            bins: [
+                bins(right, x, pencil.columns),
+                bins(down, y, pencil.rows),
+                (-start.z * forward).as_vec3(),
+            ],
         }
     }
 
@@ -292,14 +299,18 @@ impl<'a> NearWalk<'a> {
         through: f32,
         seen: &mut SampleVisibility,
     ) {
+        let around = seen.open & self.around(from);
+        if around.is_empty() {
+            return;
+        }
         let Some((sides, extra)) = self.half_spaces(corners, from, through > 0.0) else {
             return;
         };
-        if self.blind {
+        if self.axes.is_none() {
             seen.open = Mask::NONE;
             return;
         }
-        let mut met = self.within(simd, &sides, seen.open);
+        let mut met = self.within(simd, &sides, around);
         if !met.is_empty()
             && extra
                 .iter()
@@ -315,6 +326,32 @@ impl<'a> NearWalk<'a> {
         } else {
             seen.attenuate(simd, met, through, self.how);
         }
+    }
+
+    /// The samples that may be seen through a triangle: those in a rectangle around it, and a bin more on every side.
+    #[inline(always)]
+    fn around(&self, from: &[Vec3; 3]) -> Mask {
+        let all = Mask([u64::MAX; 4]);
+        let Some([u, v]) = self.axes else {
+            return all;
+        };
+        let [columns, rows, depth] = self.bins;
+        let (mut low, mut high) = ([f32::MAX; 2], [f32::MIN; 2]);
+        for corner in from {
+            let depth = depth.dot(*corner);
+            if depth <= 0.0 {
+                return all;
+            }
+            let bins = [columns.dot(*corner) / depth, rows.dot(*corner) / depth];
+            for axis in 0..2 {
+                low[axis] = low[axis].min(bins[axis]);
+                high[axis] = high[axis].max(bins[axis]);
+            }
+        }
+        // Conversion saturates.
+        let first = low.map(|bin| ((bin - 1.0) as u32).min(BINS as u32));
+        let last = high.map(|bin| ((bin + 2.0) as u32).min(BINS as u32));
+        u.between(first[0], last[0]) & v.between(first[1], last[1])
     }
 
     /// The half-spaces of light points that are hidden by a triangle: inside of its edges; beyond it, and hidden by the
