@@ -1,7 +1,7 @@
 """Error, time and construction of ray-traced layered shadow maps, beside their rivals.
 
     python benches/layered.py [--size 512] [--samples 256] [--repeats 3] [--quick]
-                              [--parts table1 figure4 table2 table3 light resolution quality]
+                              [--parts table1 figure4 table2 table3 light resolution quality near]
                               [--scenes statue tree ...] [--methods mtsm pcf ...]
 
 Tables 1 to 3 and Figure 4 of Xie, Tabellion and Pearce 2007, how the time of a query grows with the
@@ -14,6 +14,7 @@ import argparse
 import dataclasses
 import math
 import statistics
+import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -25,7 +26,7 @@ from mitsuba_speed import Worker, available_sides
 from softshadow.scenes import Setup
 from tables import table
 
-PARTS = ("table1", "figure4", "table2", "table3", "light", "resolution", "quality")
+PARTS = ("table1", "figure4", "table2", "table3", "light", "resolution", "quality", "near")
 
 Rows = Iterable[dict[str, Any]]
 
@@ -41,8 +42,9 @@ def methods(setup: Setup, samples: int) -> dict[str, ss.Method]:
         "slsm": ss.Slsm(samples=samples, **opacity),
         "mlsm": ss.Mlsm(samples=samples, **opacity),
         "mtsm": ss.Mtsm(samples=samples),
-        "mtsm, 5 layers": ss.Mtsm(1024, 5, samples=samples),
-        "mtsm, detail 64": ss.Mtsm(samples=samples, detail=64),
+        "mtsm, map alone": ss.Mtsm(samples=samples, near=0),
+        "mtsm, map alone, 5 layers": ss.Mtsm(1024, 5, samples=samples, near=0),
+        "mtsm, map alone, detail 64": ss.Mtsm(samples=samples, detail=64, near=0),
         "pcf": ss.Pcf(**opacity),
         "deep": ss.DeepShadow(),
         "mvsm": ss.Mvsm(samples=samples, **opacity),
@@ -167,7 +169,8 @@ def quality(options: argparse.Namespace) -> Rows:
         "oblique board": (
             ss.scenes.oblique_board(**size),
             lambda image: image.mesh_id == 0,
-            [("z_threshold", z, {}) for z in (None, 0.005, 0.02, 0.08)]
+            [("near", n, {}) for n in (0.0, 24.0)]
+            + [("z_threshold", z, {}) for z in (None, 0.005, 0.02, 0.08)]
             + [("z_threshold, depths only", z, {}) for z in (0.0, 0.005, 0.02, 0.08)],
         ),
         "contact": (
@@ -176,7 +179,8 @@ def quality(options: argparse.Namespace) -> Rows:
             lambda image: (
                 (image.mesh_id == 0) & (np.linalg.norm(image.position[..., :2], axis=-1) < 0.3)
             ),
-            [("resolution", r, {}) for r in (256, 1024, 4096)]
+            [("near", n, {}) for n in (0.0, 24.0)]
+            + [("resolution", r, {}) for r in (256, 1024, 4096)]
             + [("detail", d, {}) for d in (64.0, 1000.0)]
             + [("bias", b, {}) for b in (0.01, 0.05)],
         ),
@@ -198,7 +202,9 @@ def quality(options: argparse.Namespace) -> Rows:
         exact = ss.render(*view, ss.RayTraced(options.samples, pattern="fixed"))
         looked_at = exact.mask & where(exact)
         for parameter, value, others in cases:
-            given = {"resolution": 1024, "layers": 5, parameter.split(",")[0]: value} | others
+            # The map alone: what its parameters do.
+            given = {"resolution": 1024, "layers": 5, "near": 0.0} | others
+            given |= {parameter.split(",")[0]: value}
             method = ss.Mtsm(samples=options.samples, **given)
             if "depths only" in parameter:
                 seen = depths_only(setup, exact, method)
@@ -214,6 +220,28 @@ def quality(options: argparse.Namespace) -> Rows:
                 "bias": float(error.mean()),
                 "largest": float(np.abs(error).max()),
             }
+
+
+def near(options: argparse.Namespace) -> Rows:
+    """Error next to casters, and processor time, by how far triangles answer."""
+    for name, setup in scenes(options):
+        view = (setup.scene, setup.camera, setup.light)
+        # Of another seed than what is compared with it.
+        exact = ss.render(*view, ss.RayTraced(4 * options.samples, seed=77))
+        above = exact.mask & (exact.mesh_id != 0)
+        where = {"picture": exact.mask, "ground": exact.mask & ~above, "on what casts": above}
+        compared: dict[str, ss.Method] = {"ray_traced": ss.RayTraced(options.samples)}
+        compared |= {f"mtsm, near {n}": ss.Mtsm(near=n) for n in (0, 8, 16, 24, 32)}
+        for label, method in compared.items():
+            prepared = ss.prepare(setup.scene, setup.light, method)
+            seconds = []
+            for _ in range(options.repeats):
+                start = time.process_time()
+                image = prepared.render(setup.camera)
+                seconds.append(time.process_time() - start)
+            error = image.visibility.astype(np.float64) - exact.visibility
+            found = {w: float(np.sqrt((error[m] ** 2).mean())) for w, m in where.items()}
+            yield {"scene": name, "method": label} | found | {"seconds": min(seconds)}
 
 
 def depths_only(setup: Setup, image: ss.Image, method: ss.Mtsm) -> npt.NDArray[np.float32]:

@@ -25,7 +25,7 @@ RADII = (0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 """Half edges of the light in Figure 4's part, world units: the scenes are one unit across."""
 
 
-SCENES = ("statue", "tree", "translucent tree", "fur ball", "city")
+SCENES = ("statue", "tree", "translucent tree", "fur ball", "ribbons", "city")
 
 
 def scene(name: str, size: int, quick: bool, **options: Any) -> Setup:
@@ -35,6 +35,8 @@ def scene(name: str, size: int, quick: bool, **options: Any) -> Setup:
         return ss.scenes.statue(**k | ({"subdivisions": 0} if quick else {}))
     if name == "fur ball":
         return ss.scenes.fur_ball(**k | ({"triangles": 50_000} if quick else {}))
+    if name == "ribbons":
+        return ss.scenes.fur_ribbons(**k | ({"triangles": 50_000} if quick else {}))
     if name == "city":
         # It is two units across, with narrow streets: its light is smaller.
         return ss.scenes.city(**{"light_size": 0.4} | k)

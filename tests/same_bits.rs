@@ -120,6 +120,7 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         z_threshold: None,
         bias: 0.0,
         detail: 40.0,
+        near: 24.0,
         error: 0.02,
         threshold: 1.0 / 512.0,
         resets: 4,

@@ -9,10 +9,11 @@ from shapes import is_closed
 
 DENSE = {
     "fur_ball": {"triangles": 60_000},
+    "fur_ribbons": {"triangles": 30_000},
     "tree": {"leaves": 20_000},
     "statue": {"subdivisions": 0},
 }
-SIZES = {"fur_ball": 1_000_000, "tree": 300_000, "statue": 300_000}
+SIZES = {"fur_ball": 1_000_000, "fur_ribbons": 480_000, "tree": 300_000, "statue": 300_000}
 
 
 @pytest.mark.parametrize("name", DENSE)

@@ -142,8 +142,9 @@ def test_opaque_scenes_get_the_same_bits_from_several_layers():
     setup = ss.scenes.closed_solids(64, 64, detail=3)
     one, two = (_render(setup, m(256, 4)).visibility for m in (ss.Mlsm, ss.Mtsm))
     assert np.array_equal(one, two)
+    # One layer is one layer; triangles answer next to receivers of the others alone.
     single = _render(setup, ss.Slsm(256)).visibility
-    assert np.array_equal(single, _render(setup, ss.Mlsm(256, 1)).visibility)
+    assert np.array_equal(single, _render(setup, ss.Mlsm(256, 1, near=0.0)).visibility)
 
 
 def test_the_light_points_are_those_of_the_reference():
@@ -194,10 +195,11 @@ def test_the_error_grows_far_less_than_that_of_filtering_as_the_light_grows():
         reference = _render(setup, REFERENCE)
         for name, found in errors.items():
             found.append(_error(setup, name, reference)[0])
-    # Measured: 0.0015, 0.0084, 0.0253 and 0.0005, 0.0011, 0.0019: more penumbra, not worse.
+    # Measured: 0.0015, 0.0084, 0.0253 and 0.00001, 0.0003, 0.0007 (0.0004 to 0.0009 of the map
+    # alone): more penumbra, and less of it next to receivers.
     assert errors["pcf"][2] > 10 * errors["pcf"][0]
-    assert errors["mtsm"][2] < 5 * errors["mtsm"][0]
-    assert errors["mtsm"][2] < 0.15 * errors["pcf"][2]
+    assert errors["mtsm"][0] < 0.0001
+    assert errors["mtsm"][2] < 0.05 * errors["pcf"][2]
 
 
 def test_four_lights_at_once():

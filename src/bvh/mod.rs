@@ -5,6 +5,7 @@
 //! - [`any_hit`]: which of sixteen segments are blocked by opaque triangles, by a tree with eight children a node (`wide`);
 //! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
 //! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance, and which first;
+//! - `pyramid`: the triangles in a convex region next to a point;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers; [`edge_faces`]: the triangles at them.
 //!
 //! A segment from a receiver to a light point is blocked where it passes through a triangle and its
@@ -19,6 +20,7 @@ pub mod edge_faces;
 pub(crate) mod grown;
 pub mod outline;
 pub mod packet;
+pub(crate) mod pyramid;
 pub mod tree;
 mod wide;
 

@@ -23,7 +23,7 @@ use crate::simd::{LANES, Lanes, Row};
 /// rounding errors (2⁻²⁴) of its distance from the origin (three of the shear's product, one of each of the
 /// three differences), an edge function that rounds to zero adds 1.4, widening itself 1; the distance is at
 /// most twice the coordinate along the longest axis. 12 in the worst case.
-const BOX_SLACK: f32 = 16.0 / (1 << 24) as f32;
+pub(super) const BOX_SLACK: f32 = 16.0 / (1 << 24) as f32;
 
 /// The slab test's own rounding, `1 + 2 γ(3)` (Ize 2013).
 pub(super) const SLAB_SLACK: f32 = 1.0 + 8.0 / (1 << 24) as f32;
@@ -347,7 +347,7 @@ pub(crate) fn triangle<S: Simd, const AXIS: usize>(
 }
 
 /// Exact side of `p`: positive under the triangle (which runs counter-clockwise seen from above).
-pub(super) fn plane_side(corners: &[Vec3; 3], p: Vec3) -> f64 {
+pub(crate) fn plane_side(corners: &[Vec3; 3], p: Vec3) -> f64 {
     let coord = |v: Vec3| Coord3D {
         x: f64::from(v.x),
         y: f64::from(v.y),

@@ -94,6 +94,11 @@ impl Casters {
         &self.geometry
     }
 
+    /// The scene, to be kept.
+    pub fn shared(&self) -> &Arc<Snapshot> {
+        &self.geometry
+    }
+
     /// All triangles that cast, mesh by mesh, as they are in [`crate::geometry::Geometry::faces`].
     pub fn face_ranges(&self) -> impl Iterator<Item = Range<u32>> {
         self.ranges().map(|m| m.first_face..m.first_face + m.faces)

@@ -141,8 +141,9 @@ def trace_layered_maps(
 ) -> _Floats:
     """Trace points to a light through layered shadow maps (Xie et al. 2007, Sections 4.3 and 5.2).
 
-    Of maps from `layered_maps` it is what `softshadow.visibility` returns with the same method, to
-    the last bit but for the rounding of the cameras' positions to float64 world coordinates.
+    Of maps from `layered_maps` it is what `softshadow.visibility` returns with the same method and
+    ``near=0``, for there are no triangles here: to the last bit but for the rounding of the
+    cameras' positions to float64 world coordinates.
 
     Parameters
     ----------

@@ -54,6 +54,7 @@ class Slsm(Method):
     points: ClassVar[bool] = True
     # What the kernel asks of all three and users of `Mtsm` choose.
     layers: ClassVar[int] = 1
+    near: ClassVar[float] = 0.0
     error: ClassVar[float] = 0.0
     threshold: ClassVar[float] = 0.0
     resets: ClassVar[int] = 0
@@ -76,6 +77,10 @@ class Mlsm(Method):
         Surfaces kept of a texel, 1 to 64. ``None``: from the scene's depth complexity, 1 to 8.
     samples, seed, z_threshold, bias, detail, opacity
         As of `Slsm`.
+    near : float
+        Texels, 0 to 65536: up to where a receiver sees the light as wide as so many texels of the
+        map, the scene's triangles answer and the map does not. 0: the map alone, as the paper
+        has it.
     """
 
     resolution: int | None = None
@@ -85,6 +90,7 @@ class Mlsm(Method):
     z_threshold: float | None = None
     bias: float = 0.0
     detail: float = 40.0
+    near: float = 24.0
     opacity: Literal["opaque"] | None = None
 
     name: ClassVar[str] = "mlsm"
@@ -105,8 +111,8 @@ class Mtsm(Method):
 
     Parameters
     ----------
-    resolution, layers, samples, seed, z_threshold, bias, detail
-        As of `Mlsm`.
+    resolution, layers, samples, seed, z_threshold, bias, detail, near
+        As of `Mlsm`; with ``crossing="subtract"`` the map alone answers.
     error : float
         Largest error of a texel's visibility that making crossings one layer may cause, 0 to 1;
         more where they are too many for `layers`.
@@ -137,6 +143,7 @@ class Mtsm(Method):
     z_threshold: float | None = None
     bias: float = 0.0
     detail: float = 40.0
+    near: float = 24.0
     error: float = 0.02
     threshold: float = 1 / 512
     resets: int = 4

@@ -7,13 +7,13 @@ The models are not part of softshadow; they come with packages that ``pip instal
 - Munich (38,936 triangles) and San Francisco (268,041 triangles) with ``sionna-rt``.
 
 The figures of two papers (``wedges_paper``, ``ssoc_paper``) are built from scratch, and so are
-scenes in which shadow maps go wrong (``map_artifacts``), a tree and a ball of fur; those and a
+scenes in which shadow maps go wrong (``map_artifacts``), a tree and balls of fur; those and a
 statue (``dense``) have the triangles that the methods are for. `hard` has the cases in which
 methods go wrong, with their answers and what each may be off (``hard_cases``).
 """
 
 from softshadow.scenes.basic import bunny_on_plane, city, closed_solids, half_plane, tilted_sheet
-from softshadow.scenes.dense import fur_ball, statue, tree
+from softshadow.scenes.dense import fur_ball, fur_ribbons, statue, tree
 from softshadow.scenes.hard_cases import Answer, Excuse, HardCase, HardCases, hard
 from softshadow.scenes.map_artifacts import ball, oblique_board, stacked_boards, standing_cylinder
 from softshadow.scenes.models import city_path, stanford_bunny_path
@@ -44,6 +44,7 @@ __all__ = [
     "closed_solids",
     "fork",
     "fur_ball",
+    "fur_ribbons",
     "growing_light",
     "half_plane",
     "hard",

@@ -1,4 +1,4 @@
-"""Scenes of many small triangles: a statue, a tree with leaves, and a ball of fur.
+"""Scenes of many small triangles: a statue, a tree with leaves, and balls of fur.
 
 They stand for the scenes that ray-traced shadow maps were made for (Xie, Tabellion and Pearce
 2007: a figure of 316k triangles, a palm tree of 310k, a fur ball of 4.6M). All are z-up, near unit
@@ -20,13 +20,16 @@ from softshadow.scene import Scene
 from softshadow.scenes.models import stanford_bunny
 from softshadow.scenes.staging import PLANE_ALBEDO, LightKind, Setup, light_towards, square
 
-__all__ = ["fur_ball", "statue", "tree"]
+__all__ = ["fur_ball", "fur_ribbons", "statue", "tree"]
 
 _Array = npt.NDArray[np.float64]
 
 _HAIR_SEGMENTS = 4
 _HAIR_TRIANGLES = 6 * _HAIR_SEGMENTS + 2
 """Of a tube with three sides and two caps."""
+
+_BALL_CENTER, _SKIN_RADIUS = (0.0, 0.0, 0.5), 0.34
+_FUR_ALBEDO = (0.75, 0.5, 0.3)
 
 
 def fur_ball(
@@ -60,32 +63,66 @@ def fur_ball(
     -------
     Setup
     """
-    rng = np.random.default_rng(seed)
     count = max(1, math.ceil(triangles / _HAIR_TRIANGLES))
-    center, radius = np.array([0.0, 0.0, 0.5]), 0.34
-    normals = _sphere_points(count)
-    length = 0.15 * rng.uniform(0.7, 1.0, count)
-    # Combed to one side, and wilder than that.
-    combed = np.cross(normals, (0.3, 0.2, 1.0))
-    out = _unit(normals + 0.5 * combed + 0.25 * rng.normal(size=(count, 3)))
-    roots = center + radius * normals
-    strands = _strands(rng, roots, out, length, _HAIR_SEGMENTS, (0.0, 0.0, -0.12), 0.1)
-    thick = 0.0011 * math.sqrt(40_000 / count)
-    taper = thick * np.linspace(1.0, 0.3, _HAIR_SEGMENTS + 1)
-    scene = Scene()
-    scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
-    skin = trimesh.creation.icosphere(4, radius).apply_translation(center)
-    scene.add(skin, name="skin", albedo=(0.5, 0.35, 0.25))
+    strands, radii = _hairs(np.random.default_rng(seed), count)
+    scene = _skin()
     scene.add_curves(
         strands.reshape(-1, 3),
         np.arange(count + 1) * (_HAIR_SEGMENTS + 1),
-        np.tile(taper, count),
+        np.tile(radii, count),
         opacity,
         name="fur",
-        albedo=(0.75, 0.5, 0.3),
+        albedo=_FUR_ALBEDO,
     )
-    camera = Camera((0.3, -2.6, 1.7), (0.05, 0.0, 0.3), (0, 0, 1), 36.0, width, height)
-    return Setup(scene, camera, light_towards(light, (-0.8, -0.6, 2.1), light_size, center))
+    return _lit_fur(scene, width, height, light, light_size)
+
+
+def fur_ribbons(
+    width: int = 512,
+    height: int = 512,
+    light: LightKind = "rect",
+    light_size: float = 0.6,
+    triangles: int = 480_000,
+    opacity: float = 1.0,
+    seed: int = 0,
+) -> Setup:
+    """Return a ball of flat hair over a ground plane: ribbons, two triangles a segment.
+
+    The hairs of `fur_ball`, as wide as its tubes and turned at random around their own directions.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    light : {"rect", "disk", "sphere"}
+        Shape of the light.
+    light_size : float
+        Its edge or diameter, world units; the ball is one unit across.
+    triangles : int
+        Of the fur, rounded up to whole hairs of 8. Fewer hairs are wider, so that the fur stays
+        about as dense.
+    opacity : float
+        Of the ribbons.
+    seed : int
+        Of the hairs.
+
+    Returns
+    -------
+    Setup
+    """
+    rng = np.random.default_rng(seed)
+    count = max(1, math.ceil(triangles / (2 * _HAIR_SEGMENTS)))
+    strands, radii = _hairs(rng, count)
+    along = strands[:, -1] - strands[:, 0]
+    side = _unit(np.cross(along, rng.normal(size=along.shape)))[:, None] * radii[:, None]
+    vertices = np.stack([strands - side, strands + side], axis=2).reshape(-1, 3)
+    # A hair's points come in pairs, left and right.
+    quad = np.array([[0, 1, 3], [0, 3, 2]])
+    first = 2 * np.arange(count * (_HAIR_SEGMENTS + 1)).reshape(count, -1)[:, :-1]
+    faces = (first[..., None, None] + quad).reshape(-1, 3)
+    scene = _skin()
+    scene.add((vertices, faces), name="fur", albedo=_FUR_ALBEDO, opacity=opacity)
+    return _lit_fur(scene, width, height, light, light_size)
 
 
 def tree(
@@ -213,6 +250,34 @@ def statue(
     center = (-1.25, -0.9, 3.0) if close else (-1.0, -0.7, 2.4)
     camera = Camera((0.5, -3.1, 2.0), target, (0, 0, 1), fov_deg, width, height)
     return Setup(scene, camera, light_towards(light, center, light_size, (0, 0, 0.5)))
+
+
+def _hairs(rng: np.random.Generator, count: int) -> tuple[_Array, _Array]:
+    """Grow hairs, shape (count, segments + 1, 3), and return the radii of their points, too."""
+    normals = _sphere_points(count)
+    length = 0.15 * rng.uniform(0.7, 1.0, count)
+    # Combed to one side, and wilder than that.
+    combed = np.cross(normals, (0.3, 0.2, 1.0))
+    out = _unit(normals + 0.5 * combed + 0.25 * rng.normal(size=(count, 3)))
+    roots = _BALL_CENTER + _SKIN_RADIUS * normals
+    strands = _strands(rng, roots, out, length, _HAIR_SEGMENTS, (0.0, 0.0, -0.12), 0.1)
+    thick = 0.0011 * math.sqrt(40_000 / count)
+    return strands, thick * np.linspace(1.0, 0.3, _HAIR_SEGMENTS + 1)
+
+
+def _skin() -> Scene:
+    """Return what hairs grow on, over a ground plane."""
+    scene = Scene()
+    scene.add(square(2.5), name="ground", albedo=PLANE_ALBEDO)
+    skin = trimesh.creation.icosphere(4, _SKIN_RADIUS).apply_translation(_BALL_CENTER)
+    scene.add(skin, name="skin", albedo=(0.5, 0.35, 0.25))
+    return scene
+
+
+def _lit_fur(scene: Scene, width: int, height: int, light: LightKind, light_size: float) -> Setup:
+    """Return a ball of fur with its camera and light."""
+    camera = Camera((0.3, -2.6, 1.7), (0.05, 0.0, 0.3), (0, 0, 1), 36.0, width, height)
+    return Setup(scene, camera, light_towards(light, (-0.8, -0.6, 2.1), light_size, _BALL_CENTER))
 
 
 def _unit(v: npt.ArrayLike) -> _Array:

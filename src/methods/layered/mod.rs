@@ -5,18 +5,22 @@
 //! - [`choose`]: resolution and layers where none are given;
 //! - [`given`]: a map from a user's own arrays instead;
 //! - [`masks`]: sets of light samples; [`tracing`]: the walk for all samples of a receiver, by
-//!   its [`pencil`] of segments; `pieces`: what surfaces in texels hide of them.
+//!   its [`pencil`] of segments; `pieces`: what surfaces in texels hide of them;
+//! - `look`: one receiver's samples in one map; `near`: triangles next to a receiver, in place of the map.
 //!
 //! `slsm` keeps one layer, `mlsm` several, `mtsm` several that can be transparent. An opaque scene gets plain
 //! depths from all three.
 //!
 //! Assumptions and failures: a map holds what it was drawn from at its texels' centres. Occluders behind its
 //! last layer are missing and let light through (Section 6.2); what is smaller than a texel is right in the
-//! mean only; contact shadows begin half a texel away.
+//! mean only. Both hold beyond the depth up to which triangles answer; without them contact shadows begin half a
+//! texel away.
 
 pub mod choose;
 pub mod given;
+mod look;
 pub mod masks;
+mod near;
 pub mod pencil;
 mod pieces;
 pub mod tracing;
@@ -27,7 +31,7 @@ use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::casters::Casters;
 use crate::control::Control;
@@ -43,15 +47,21 @@ use crate::maps::views::most_central;
 use crate::method::{Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::MOST_SAMPLES;
-use crate::sampling::{LightSamples, Pattern, Sampler};
+use crate::sampling::{Pattern, Sampler};
 use given::Given;
-use masks::{Axis, BLOCK, Mask, spread};
+use look::{FlatTargets, Look, Receiver, Scratch, tangent_plane};
+use masks::{BLOCK, Mask, spread};
+use near::Near;
 use pencil::{Pencil, SampleVisibility, Tracing};
-use tracing::{Stack, trace};
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.
 const CHOICE: usize = 2;
+
+/// Texels that are told apart everywhere across the light, of [`LayeredSettings::detail`], where triangles answer next
+/// to receivers: without the receiver's own surface, levels cost less there. Less of them and flat hair is off by a
+/// tenth more; half as many again, and it takes a third more time.
+const LEAST: f32 = 0.4;
 
 /// Which of the paper's maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -104,6 +114,8 @@ pub struct LayeredSettings {
     pub bias: f64,
     /// Texels across the light that are told apart.
     pub detail: f64,
+    /// Texels across the light up to which triangles answer in place of the map.
+    pub near: f64,
     /// Largest error of visibility in the compression of transparent layers.
     pub error: f64,
     /// Visibility that counts as none.
@@ -154,6 +166,7 @@ impl Layered {
         in_range(what, "error", settings.error, 0.0..=1.0)?;
         in_range(what, "threshold", settings.threshold, 0.0..=1.0)?;
         in_range(what, "detail", settings.detail, 1.0..=65536.0)?;
+        in_range(what, "near", settings.near, 0.0..=65536.0)?;
         Ok(Layered { kind, settings })
     }
 
@@ -213,21 +226,39 @@ impl Layered {
         let group = |maps: &Vec<Given>| maps.iter().map(make).collect();
         let groups = groups.iter().map(group).collect::<Result<_>>()?;
         Ok(PreparedLayered {
-            lights: vec![LayeredLight::new(self.sampler(light), groups)],
-            tracing: self.tracing(frame),
+            lights: vec![LayeredLight::new(self.sampler(light), groups, None)],
+            tracing: self.tracing(frame, false),
             seconds: Vec::new(),
         })
     }
 
-    fn tracing(&self, frame: &Frame) -> Tracing {
+    /// Whether triangles answer next to receivers; not where the map's own ray is what counts.
+    fn triangles_answer(&self) -> bool {
+        self.settings.near > 0.0 && !self.settings.subtract
+    }
+
+    fn tracing(&self, frame: &Frame, triangles_answer: bool) -> Tracing {
         let settings = &self.settings;
         Tracing {
             thickness: (settings.z_threshold.unwrap_or(0.0) / frame.unit) as f32,
             bias: (settings.bias / frame.unit) as f32,
             detail: settings.detail as f32,
+            least: if triangles_answer {
+                LEAST * settings.detail as f32
+            } else {
+                0.0
+            },
             threshold: settings.threshold as f32,
             subtract: settings.subtract,
         }
+    }
+
+    /// What answers next to receivers, before the first group of maps of a local light.
+    fn near(&self, casters: &Casters, light: &Light, groups: &[Vec<LayerMap>]) -> Option<Near> {
+        let maps = groups.first()?;
+        let texels = self.settings.near as f32;
+        self.triangles_answer()
+            .then(|| Near::new(casters.shared(), light, maps, self.settings.opaque, texels))
     }
 
     /// The light points of a local light, the `number`-th of a scene.
@@ -237,56 +268,6 @@ impl Layered {
     }
 }
 
-/// The samples of a flat light in a map that is drawn along its normal: they are the same for all receivers.
-struct FlatTargets {
-    /// Columns and rows, block by block.
-    axes: Vec<[Axis; 2]>,
-    /// Inverse depth of all of them.
-    inverse_depth: f64,
-}
-
-impl FlatTargets {
-    /// Targets in the only map of a group; `None` if there are several maps, or if the light's samples differ in depth
-    /// there.
-    fn new(sampler: &Sampler, maps: &[LayerMap]) -> Option<Self> {
-        let (light, [map]) = (sampler.light(), maps) else {
-            return None;
-        };
-        let normal = light.normal()?;
-        let axis = map.view.camera.rotation.row(2);
-        if axis.cross(normal).length() > ALONG || axis.dot(normal) < 0.0 {
-            return None;
-        }
-        let mut samples = LightSamples::default();
-        sampler.fill(0, light.center() + normal, DVec3::ZERO, &mut samples);
-        let mut axes = Vec::new();
-        let mut inverse_depth = 0.0f64;
-        for start in (0..samples.count).step_by(BLOCK) {
-            let points = start..(start + BLOCK).min(samples.count);
-            let projected: Vec<DVec3> = points
-                .map(|i| map.view.project(samples.point(i).as_dvec3()))
-                .collect();
-            let mut pair = [Axis::default(), Axis::default()];
-            for (k, axis) in pair.iter_mut().enumerate() {
-                let coordinates: Vec<f32> = projected.iter().map(|p| p[k] as f32).collect();
-                axis.set(&coordinates, Mask::first(coordinates.len()));
-            }
-            axes.push(pair);
-            // They differ by the rounding of the points.
-            let largest = projected.iter().map(|p| p.z).fold(0.0, f64::max);
-            inverse_depth = inverse_depth.max(largest);
-        }
-        Some(FlatTargets {
-            axes,
-            inverse_depth,
-        })
-    }
-}
-
-/// Sine of the angle between a flat light's normal and a map's axis up to which they are one: it puts the light's
-/// points apart in depth by as little as rounding does.
-const ALONG: f64 = f32::EPSILON as f64;
-
 struct LayeredLight {
     light: Light,
     sampler: Sampler,
@@ -294,6 +275,8 @@ struct LayeredLight {
     /// For every group of maps, its flat targets, if the light's samples have one depth in it.
     flat: Vec<Option<FlatTargets>>,
     transparent: bool,
+    /// What answers next to receivers, before the first group.
+    near: Option<Near>,
 }
 
 struct PreparedLayered {
@@ -319,31 +302,26 @@ impl Method for Layered {
     ) -> Result<Box<dyn Prepared>> {
         let frame = geometry.frame;
         let casters = Casters::new(self.name(), geometry, self.takes_transparent())?;
+        if self.triangles_answer() {
+            casters.geometry().occluders();
+        }
         let start = Instant::now();
         let mut found = Vec::with_capacity(lights.len());
         for light in lights {
             let groups = self.maps(&casters, light, control)?;
-            found.push(LayeredLight::new(self.sampler(*light), groups));
+            let near = self.near(&casters, light, &groups);
+            found.push(LayeredLight::new(self.sampler(*light), groups, near));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
-            tracing: self.tracing(&frame),
+            tracing: self.tracing(&frame, self.triangles_answer()),
             seconds: vec![("maps", start.elapsed().as_secs_f64())],
         }))
     }
 }
 
-/// What a thread keeps between receivers.
-#[derive(Default)]
-struct Scratch {
-    samples: LightSamples,
-    stack: Stack,
-    axes: [Axis; 2],
-    slopes: [Vec<f32>; 2],
-}
-
 impl LayeredLight {
-    fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>) -> Self {
+    fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>, near: Option<Near>) -> Self {
         let flat = groups.iter().map(|maps| FlatTargets::new(&sampler, maps));
         LayeredLight {
             light: *sampler.light(),
@@ -351,18 +329,20 @@ impl LayeredLight {
             transparent: groups.iter().flatten().any(LayerMap::is_transparent),
             sampler,
             groups,
+            near,
         }
     }
 
     /// Fraction of the light that a receiver sees.
-    fn visibility(&self, p: DVec3, n: DVec3, tracing: &Tracing, s: &mut Scratch) -> f32 {
+    fn visibility(&self, receiver: &Receiver, tracing: &Tracing, s: &mut Scratch) -> f32 {
+        let Receiver { p, n, .. } = *receiver;
         let h = self.light.fraction_above(p, n);
         if h == 0.0 {
             return 0.0;
         }
         let count = self.sampler.len();
         let flat = self.flat.iter().all(Option::is_some);
-        if !flat && h == 1.0 && !self.meets_sphere(p, n, tracing, &mut s.stack) {
+        if !flat && h == 1.0 && !self.meets_sphere(receiver, tracing, s) {
             return 1.0;
         }
         if h < 1.0 || !flat {
@@ -385,9 +365,17 @@ impl LayeredLight {
             for (g, maps) in self.groups.iter().enumerate() {
                 let cameras = maps.iter().map(|m| &m.view.camera);
                 let map = &maps[most_central(cameras, self.light.center(), p)];
+                // Triangles answer once, before the first group's map.
+                let near = self.near.as_ref().filter(|_| g == 0);
+                let look = Look {
+                    map,
+                    near,
+                    tracing,
+                    receiver,
+                };
                 match &self.flat[g] {
-                    Some(targets) => self.trace_flat(map, targets, b, p, n, tracing, &mut seen, s),
-                    None => self.trace_each(map, start, within, p, n, tracing, &mut seen, s),
+                    Some(targets) => look.flat(targets, b, &mut seen, s),
+                    None => look.each(start, within, &mut seen, s),
                 }
                 if seen.open.is_empty() && !self.transparent {
                     break;
@@ -400,7 +388,8 @@ impl LayeredLight {
 
     /// Whether anything may be between a receiver and a sphere. It costs far less than its light samples, which
     /// are others for every receiver, and most receivers are lit.
-    fn meets_sphere(&self, p: DVec3, n: DVec3, tracing: &Tracing, stack: &mut Stack) -> bool {
+    fn meets_sphere(&self, receiver: &Receiver, tracing: &Tracing, s: &mut Scratch) -> bool {
+        let p = receiver.p;
         let center = self.light.center();
         let Some(SphereLight { radius, .. }) = self.light.as_sphere() else {
             return true;
@@ -408,7 +397,7 @@ impl LayeredLight {
         if (p - center).length() <= radius {
             return true;
         }
-        self.groups.iter().any(|maps| {
+        self.groups.iter().enumerate().any(|(g, maps)| {
             let map = &maps[most_central(maps.iter().map(|m| &m.view.camera), center, p)];
             let start = map.view.project(p);
             let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -441,124 +430,20 @@ impl LayeredLight {
                 rows,
                 axes: None,
                 end: high.z as f32,
-                plane: tangent_plane(map, p, n),
+                plane: tangent_plane(map, receiver),
+                near: 0.0,
+            };
+            let look = Look {
+                map,
+                near: self.near.as_ref().filter(|_| g == 0),
+                tracing,
+                receiver,
             };
             let mut seen = SampleVisibility::new(Mask::first(1));
-            trace(map, tracing, &pencil, &mut seen, stack);
+            look.along(pencil, [&[]; 3], &mut seen, &mut s.stack, &mut s.nodes);
             seen.open.is_empty()
         })
     }
-
-    #[allow(clippy::too_many_arguments, reason = "one call")]
-    fn trace_flat(
-        &self,
-        map: &LayerMap,
-        targets: &FlatTargets,
-        block: usize,
-        p: DVec3,
-        n: DVec3,
-        tracing: &Tracing,
-        seen: &mut SampleVisibility,
-        s: &mut Scratch,
-    ) {
-        let start = map.view.project(p);
-        let ahead = targets.inverse_depth - start.z;
-        if start.z <= 0.0 || ahead <= 0.0 || !start.is_finite() {
-            return;
-        }
-        let [columns, rows] = &targets.axes[block];
-        let slopes = |axis: &Axis, from: f64| {
-            let low = (f64::from(axis.low) - from) / ahead;
-            [low as f32, (f64::from(axis.extent) / ahead) as f32]
-        };
-        let pencil = Pencil {
-            start,
-            columns: slopes(columns, start.x),
-            rows: slopes(rows, start.y),
-            axes: Some([columns, rows]),
-            end: targets.inverse_depth as f32,
-            plane: tangent_plane(map, p, n),
-        };
-        trace(map, tracing, &pencil, seen, &mut s.stack);
-    }
-
-    #[allow(clippy::too_many_arguments, reason = "one call")]
-    fn trace_each(
-        &self,
-        map: &LayerMap,
-        first: usize,
-        count: usize,
-        p: DVec3,
-        n: DVec3,
-        tracing: &Tracing,
-        seen: &mut SampleVisibility,
-        s: &mut Scratch,
-    ) {
-        let start = map.view.project(p);
-        if start.z <= 0.0 || !start.is_finite() {
-            return;
-        }
-        for slopes in &mut s.slopes {
-            slopes.clear();
-            slopes.resize(count, 0.0);
-        }
-        let mut ahead = Mask::NONE;
-        let (mut nearest, mut farthest) = (0.0f64, f64::INFINITY);
-        for i in 0..count {
-            let q = map.view.project(s.samples.point(first + i).as_dvec3());
-            let step = q.z - start.z;
-            // A light point that is no nearer to the eye than the receiver: nothing is between them that the map
-            // could tell from the light.
-            if step > 0.0 && q.z.is_finite() {
-                ahead.0[i / 64] |= 1 << (i % 64);
-                s.slopes[0][i] = ((q.x - start.x) / step) as f32;
-                s.slopes[1][i] = ((q.y - start.y) / step) as f32;
-                (nearest, farthest) = (nearest.max(q.z), farthest.min(q.z));
-            }
-        }
-        let valid = ahead & seen.open;
-        if valid.is_empty() {
-            return;
-        }
-        let Scratch {
-            axes,
-            slopes,
-            stack,
-            ..
-        } = s;
-        for (axis, slopes) in axes.iter_mut().zip(slopes) {
-            axis.set(slopes, valid);
-        }
-        let pencil = Pencil {
-            start,
-            columns: [axes[0].low, axes[0].extent],
-            rows: [axes[1].low, axes[1].extent],
-            axes: Some([&axes[0], &axes[1]]),
-            // Between the nearest and the farthest of the light's points (Section 4.3).
-            end: (0.5 * (nearest + farthest)) as f32,
-            plane: tangent_plane(map, p, n),
-        };
-        let mut traced = SampleVisibility {
-            open: valid,
-            through: seen.through,
-        };
-        trace(map, tracing, &pencil, &mut traced, stack);
-        seen.open = seen.open.without(valid) | traced.open;
-        seen.through = traced.through;
-    }
-}
-
-/// How the height over a receiver's tangent plane, times inverse depth, grows in a map.
-fn tangent_plane(map: &LayerMap, p: DVec3, n: DVec3) -> [f32; 3] {
-    let camera = &map.view.camera;
-    let seen = camera.rotation * n;
-    let per_texel = 1.0 / map.view.focal;
-    let plane = Vec3::new(
-        (seen.x * per_texel) as f32,
-        (seen.y * per_texel) as f32,
-        n.dot(camera.eye - p) as f32,
-    );
-    plane.to_array()
 }
 
 impl Prepared for PreparedLayered {
@@ -567,8 +452,12 @@ impl Prepared for PreparedLayered {
         let visibility =
             receivers.by_groups(control, 0.0, Scratch::default, |scratch, range, out| {
                 for (i, out) in range.zip(out) {
-                    let (p, n) = (receivers.positions[i], receivers.normals[i]);
-                    *out = maps.visibility(p, n, &self.tracing, scratch);
+                    let receiver = Receiver {
+                        p: receivers.positions[i],
+                        n: receivers.normals[i],
+                        origin: receivers.ray_origin(i),
+                    };
+                    *out = maps.visibility(&receiver, &self.tracing, scratch);
                 }
                 Ok(())
             })?;

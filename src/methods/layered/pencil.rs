@@ -14,6 +14,9 @@ pub(super) const ROUNDING: f32 = 8.0 * f32::EPSILON;
 /// Depths nearer to the receiver than this count as at it: only to divide by something.
 pub(super) const TINY: f32 = 1e-30;
 
+/// Up to this many of 64 samples are attenuated one by one; more go through lanes.
+const FEW: u32 = 8;
+
 /// Adding it to a number from 0 to 2²² leaves the nearest whole number in the low bits.
 const WHOLE: f32 = (1 << 23) as f32;
 
@@ -27,6 +30,8 @@ pub struct Tracing {
     /// Texels that are told apart across a light which is seen through the whole of a map: the walk ends at the level
     /// that still has as many. Through a part of it, as many times the cube root of the part.
     pub detail: f32,
+    /// Texels that are told apart across the light everywhere, at the far end of what a level answers for.
+    pub least: f32,
     /// Transmittance at which a sample counts as hidden.
     pub threshold: f32,
     /// Whether crossings subtract what they take from the map's own ray (equation 3), and do not multiply.
@@ -48,6 +53,71 @@ pub struct Pencil<'a> {
     /// Height over the tangent plane, times inverse depth, grows so much per column, row and inverse depth; 0
     /// without a tangent plane.
     pub plane: [f32; 3],
+    /// Depth over the receiver up to which the map has nothing to say, since triangles have answered; not negative.
+    pub near: f32,
+}
+
+impl Pencil<'_> {
+    /// Texels that the light is wide at a depth of 1 over the receiver.
+    pub(super) fn width(&self) -> f32 {
+        self.columns[1].max(self.rows[1])
+    }
+}
+
+/// How much farther than the finest level each level answers: texels twice as large, and as many of them as the
+/// square root of that. With as many at all levels (18), statue and tree have the same error in the same time at 1024
+/// texels, the fur ball a seventh less; but at 2048 the statue takes 1.5 times as long as at 512, not 1.3 times.
+const GROWTH: [f32; LEVELS] = {
+    let mut growth = [1.0; LEVELS];
+    let mut level = 1;
+    while level < LEVELS {
+        // From √2³ on, eight times as far every two levels: exact but for the root.
+        growth[level] = if level == 1 {
+            2.0 * std::f32::consts::SQRT_2
+        } else {
+            8.0 * growth[level - 2]
+        };
+        level += 1;
+    }
+    growth
+};
+
+/// Levels of the largest map, of 16384 texels, and one.
+const LEVELS: usize = 16;
+
+/// The depths over a receiver up to which levels answer.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bands {
+    /// That of the finest level.
+    finest: f32,
+    /// The depth at which the light is as wide as the texels that are told apart everywhere.
+    least: f32,
+}
+
+impl Bands {
+    pub(super) fn new(map: &LayerMap, how: &Tracing, pencil: &Pencil<'_>) -> Self {
+        let across = map.levels[0].width.max(map.levels[0].height) as f32;
+        let width = pencil.width();
+        Bands {
+            finest: how.detail * (how.detail / across).sqrt() / width,
+            least: how.least / width,
+        }
+    }
+
+    /// The depth up to which a level answers.
+    #[inline(always)]
+    pub(super) fn end(&self, level: u32) -> f32 {
+        (self.finest * GROWTH[level as usize]).max(self.least * (1u64 << level) as f32)
+    }
+
+    /// The level that answers right beyond a depth.
+    pub(super) fn at(&self, depth: f32) -> u32 {
+        let levels = 0..LEVELS as u32 - 1;
+        levels
+            .clone()
+            .find(|&l| self.end(l) > depth)
+            .unwrap_or(levels.end)
+    }
 }
 
 /// The samples of a pencil, and what reaches them.
@@ -65,6 +135,43 @@ impl SampleVisibility {
             open,
             through: [Row([1.0; LANES]); BINS / LANES],
         }
+    }
+
+    /// Attenuates samples that a surface is met by: multiplies what reaches them, or subtracts from it.
+    #[inline(always)]
+    pub(super) fn attenuate<S: Simd>(&mut self, simd: S, met: Mask, through: f32, how: &Tracing) {
+        let mut done = Mask::NONE;
+        for word in 0..4 {
+            let mut left = met.0[word];
+            // A piece is met by few samples, as a rule.
+            if left.count_ones() <= FEW {
+                while left != 0 {
+                    let bit = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    let sample = &mut self.through[4 * word + bit / LANES].0[bit % LANES];
+                    *sample = if how.subtract {
+                        (*sample - through).max(0.0)
+                    } else {
+                        *sample * through
+                    };
+                    done.0[word] |= u64::from(*sample <= how.threshold) << bit;
+                }
+                continue;
+            }
+            for r in 4 * word..4 * word + 4 {
+                let bits = met.row(r);
+                let old = self.through[r].load(simd);
+                let new = if how.subtract {
+                    (old - through).greater(0.0)
+                } else {
+                    old * through
+                };
+                self.through[r].set(new.where_bits(bits, old));
+                let closed = new.le(how.threshold) & bits;
+                done.0[word] |= u64::from(closed) << (LANES * (r % 4));
+            }
+        }
+        self.open = self.open.without(done);
     }
 
     /// Sum of the samples' transmittances.
@@ -96,8 +203,7 @@ pub(super) struct Walk<'a> {
     /// The map from slopes to bins: factors and offsets, of four left, right, upper and lower sides.
     pub(super) scale: Row,
     pub(super) offset: Row,
-    /// Depth over the receiver up to which the finest level answers.
-    pub(super) band: f32,
+    pub(super) bands: Bands,
     pub(super) has_plane: bool,
     /// Whether something in the map is transparent.
     pub(super) transparent: bool,
@@ -159,10 +265,7 @@ impl<'a> Walk<'a> {
                 let [u, v] = [low_u * scale[0], low_v * scale[1]];
                 four_sides([u, u, v, v])
             },
-            band: {
-                let across = map.levels[0].width.max(map.levels[0].height) as f32;
-                how.detail * (how.detail / across).sqrt() / extent_u.max(extent_v)
-            },
+            bands: Bands::new(map, how, pencil),
             has_plane: pencil.plane != [0.0; 3],
             transparent: map.is_transparent(),
         }

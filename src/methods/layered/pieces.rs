@@ -18,10 +18,7 @@ use glam::{BVec4A, Vec4};
 use super::masks::Mask;
 use super::pencil::{FIRST, OUTWARD, ROUNDING, SampleVisibility, SideBins, TINY, Walk};
 use crate::maps::layers::map::{Block, Level};
-use crate::simd::{LANES, Lanes, Row, join, swap_fours};
-
-/// Up to this many of 64 samples are attenuated one by one; more go through lanes.
-const FEW: u32 = 8;
+use crate::simd::{Lanes, Row, join, swap_fours};
 
 /// By how much the middle of a part of a texel may be off, in texels: its sides are rounded to quarters.
 const OFF: f32 = 0.125;
@@ -141,7 +138,11 @@ impl Walk<'_> {
                 let active = here & depths.cmpgt(from).bitmask() & depths.cmple(to).bitmask();
                 if active != 0 {
                     self.met(simd, active, depths, block, four, |c, met| {
-                        self.attenuate(simd, met & seen.open, through[c], seen);
+                        if (through[c] == 0.0 && !self.how.subtract) || self.pencil.axes.is_none() {
+                            seen.open = seen.open.without(met);
+                        } else {
+                            seen.attenuate(simd, met & seen.open, through[c], self.how);
+                        }
                     });
                 }
             }
@@ -261,46 +262,6 @@ impl Walk<'_> {
             }
             (depths - across - down).abs().cmpgt(margin).bitmask()
         }
-    }
-
-    #[inline(always)]
-    fn attenuate<S: Simd>(&self, simd: S, met: Mask, through: f32, seen: &mut SampleVisibility) {
-        if (through == 0.0 && !self.how.subtract) || self.pencil.axes.is_none() {
-            seen.open = seen.open.without(met);
-            return;
-        }
-        let mut done = Mask::NONE;
-        for word in 0..4 {
-            let mut left = met.0[word];
-            // A piece is met by few samples, as a rule.
-            if left.count_ones() <= FEW {
-                while left != 0 {
-                    let bit = left.trailing_zeros() as usize;
-                    left &= left - 1;
-                    let sample = &mut seen.through[4 * word + bit / LANES].0[bit % LANES];
-                    *sample = if self.how.subtract {
-                        (*sample - through).max(0.0)
-                    } else {
-                        *sample * through
-                    };
-                    done.0[word] |= u64::from(*sample <= self.how.threshold) << bit;
-                }
-                continue;
-            }
-            for r in 4 * word..4 * word + 4 {
-                let bits = met.row(r);
-                let old = seen.through[r].load(simd);
-                let new = if self.how.subtract {
-                    (old - through).greater(0.0)
-                } else {
-                    old * through
-                };
-                seen.through[r].set(new.where_bits(bits, old));
-                let closed = new.le(self.how.threshold) & bits;
-                done.0[word] |= u64::from(closed) << (LANES * (r % 4));
-            }
-        }
-        seen.open = seen.open.without(done);
     }
 }
 

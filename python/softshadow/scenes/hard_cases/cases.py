@@ -27,6 +27,8 @@ __all__ = ["CASES"]
 _FILTERED = ("deep", "pcf")
 _LAYERED = ("mlsm", "mtsm", "slsm")
 _MAPS = ("convolution", *_FILTERED, *_LAYERED, "mvsm")
+# `mlsm` and `mtsm` have triangles next to receivers.
+_MAPS_ALONE = ("convolution", *_FILTERED, "slsm", "mvsm")
 _EDGES = ("ssoc", "wedges")
 
 _ANSWERS = (
@@ -219,7 +221,7 @@ _MESHES = (
         meshes.fence,
         excuses=POINTS
         | by(FACING, "shadow_volume")
-        | by(EDGE_ON, *_MAPS)
+        | by(EDGE_ON, *_MAPS_ALONE)
         | by(SILHOUETTE, *_EDGES),
     ),
     HardCase(
@@ -229,7 +231,7 @@ _MESHES = (
         excuses=POINTS
         | by(FACING, "shadow_volume")
         | by(COARSE, "accumulation")
-        | by(EDGE_ON, *_MAPS)
+        | by(EDGE_ON, *_MAPS_ALONE)
         | by(SILHOUETTE, *_EDGES),
     ),
     HardCase(
@@ -246,7 +248,7 @@ _MESHES = (
         "needles",
         "Triangles 10² to 10⁷ times as long as they are wide.",
         meshes.needles,
-        excuses=POINTS | by(COARSE, "accumulation") | by(TEXELS, *_MAPS, "ssoc"),
+        excuses=POINTS | by(COARSE, "accumulation") | by(TEXELS, *_MAPS_ALONE, "ssoc"),
     ),
     HardCase(
         "hair",
@@ -254,7 +256,7 @@ _MESHES = (
         meshes.hair,
         excuses=POINTS
         | by(ONE_DEPTH, *_FILTERED, "convolution")
-        | by(TEXELS, *_LAYERED, "mvsm")
+        | by(TEXELS, "slsm", "mvsm")
         | by(SILHOUETTE, *_EDGES),
     ),
     HardCase(
