@@ -9,7 +9,7 @@ use std::ops::Range;
 use fearless_simd::{f32x8, f32x16, prelude::*};
 use glam::Vec3;
 
-use super::packet::{BOX_SLACK, Stack};
+use super::packet::BOX_SLACK;
 use super::tree::{Node, Tree};
 use crate::simd::{LANES, Lanes, Row};
 
@@ -88,12 +88,12 @@ fn pair<S: Simd>(simd: S, a: f32, b: f32) -> f32x16<S> {
 pub(crate) struct Search<'a> {
     tree: &'a Tree,
     pyramid: &'a Pyramid,
-    stack: &'a mut Stack,
+    stack: &'a mut Vec<u32>,
 }
 
 impl<'a> Search<'a> {
     /// A walk that has not begun.
-    pub(crate) fn new(tree: &'a Tree, pyramid: &'a Pyramid, stack: &'a mut Stack) -> Self {
+    pub(crate) fn new(tree: &'a Tree, pyramid: &'a Pyramid, stack: &'a mut Vec<u32>) -> Self {
         stack.clear();
         if !tree.nodes.is_empty() {
             stack.push(0);

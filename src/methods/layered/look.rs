@@ -6,7 +6,6 @@ use super::masks::{Axis, BLOCK, Mask};
 use super::near::Near;
 use super::pencil::{Pencil, SampleVisibility, Tracing};
 use super::tracing::{Stack, trace};
-use crate::bvh::packet;
 use crate::maps::layers::map::LayerMap;
 use crate::sampling::{LightSamples, Sampler};
 use crate::simd::{LANES, Row};
@@ -80,7 +79,7 @@ const ALONG: f64 = f32::EPSILON as f64;
 pub(super) struct Scratch {
     pub(super) samples: LightSamples,
     pub(super) stack: Stack,
-    pub(super) nodes: packet::Stack,
+    pub(super) nodes: Vec<u32>,
     pub(super) axes: [Axis; 2],
     pub(super) slopes: [Vec<f32>; 2],
 }
@@ -102,7 +101,7 @@ impl Look<'_> {
         points: [&[Row]; 3],
         seen: &mut SampleVisibility,
         stack: &mut Stack,
-        nodes: &mut packet::Stack,
+        nodes: &mut Vec<u32>,
     ) {
         let (map, how) = (self.map, self.tracing);
         if let Some(near) = self.near {

@@ -24,7 +24,7 @@ use super::look::Look;
 use super::masks::{Axis, BINS, BLOCK, Mask};
 use super::pencil::{Bands, Pencil, SampleVisibility, Tracing};
 use crate::bvh::TriangleBvh;
-use crate::bvh::packet::{Stack, plane_side};
+use crate::bvh::packet::plane_side;
 use crate::bvh::pyramid::{PLANES, Pyramid, Search};
 use crate::frame::POINT_OFFSET;
 use crate::geometry::Geometry;
@@ -89,7 +89,7 @@ impl Near {
         pencil: &Pencil<'_>,
         points: [&[Row]; 3],
         seen: &mut SampleVisibility,
-        stack: &mut Stack,
+        stack: &mut Vec<u32>,
     ) {
         if pencil.near > 0.0 {
             let walk = NearWalk::new(self, look, pencil, points);
@@ -246,7 +246,7 @@ impl<'a> NearWalk<'a> {
 
     /// Looks at all triangles.
     #[inline(always)]
-    fn all<S: Simd>(&self, simd: S, seen: &mut SampleVisibility, stack: &mut Stack) {
+    fn all<S: Simd>(&self, simd: S, seen: &mut SampleVisibility, stack: &mut Vec<u32>) {
         let occluders = self.near.geometry.occluders();
         self.of(simd, &occluders.opaque, None, seen, stack);
         if let Some((bvh, _)) = &occluders.transparent {
@@ -262,7 +262,7 @@ impl<'a> NearWalk<'a> {
         bvh: &TriangleBvh,
         through: Option<&[f32]>,
         seen: &mut SampleVisibility,
-        stack: &mut Stack,
+        stack: &mut Vec<u32>,
     ) {
         let origin = self.pyramid.origin;
         let mut search = Search::new(&bvh.tree, &self.pyramid, stack);
