@@ -9,6 +9,7 @@
 //! joined to it casts from there on and what lies in it does not cast.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
@@ -82,7 +83,7 @@ impl Side {
 
     /// Height of a point over it.
     #[inline(always)]
-    fn height(&self, p: DVec3) -> f64 {
+    pub(super) fn height(&self, p: DVec3) -> f64 {
         self.normal.dot(p - self.bounds.corner)
     }
 }
@@ -179,17 +180,67 @@ impl Gatherer {
         side: &Side,
         light: &Light,
     ) -> PatchOccluders {
+        let shaft = Shaft::new(bounds_of(&side.bounds), padded_bounds(light));
+        self.collect_in(&shaft, casting, patch, side, light)
+    }
+
+    /// Lines along which what casts passes through a patch.
+    pub fn contacts(
+        &mut self,
+        casting: &Casting<'_>,
+        patch: u32,
+        side: &Side,
+        light: &Light,
+    ) -> Vec<[DVec3; 2]> {
+        let around = bounds_of(&side.bounds);
+        let near = Shaft::new(around, around);
+        self.collect_in(&near, casting, patch, side, light).contacts
+    }
+
+    /// Whether more than so many triangles may hide a part of the light from a side of a patch.
+    pub fn has_more(
+        &mut self,
+        casting: &Casting<'_>,
+        side: &Side,
+        light: &Light,
+        most: usize,
+    ) -> bool {
+        let shaft = Shaft::new(bounds_of(&side.bounds), padded_bounds(light));
+        let occluders = casting.geometry.occluders();
+        let transparent = occluders.transparent.iter().map(|(bvh, _)| bvh);
+        let mut count = 0;
+        for bvh in transparent.chain([&occluders.opaque]) {
+            self.search(bvh, &shaft, |leaf| {
+                count += leaf.len();
+                count <= most
+            });
+        }
+        count > most
+    }
+
+    /// Collects what can hide a part of the light and has a part in a shaft.
+    fn collect_in(
+        &mut self,
+        shaft: &Shaft,
+        casting: &Casting<'_>,
+        patch: u32,
+        side: &Side,
+        light: &Light,
+    ) -> PatchOccluders {
         let Casting {
             geometry,
             patches,
             opaque,
             ..
         } = *casting;
-        let (low, high) = bounds_of(&side.bounds);
-        let shaft = Shaft::new((low, high), padded_bounds(light));
-        self.found.clear();
         let occluders = geometry.occluders();
-        self.search(&occluders.opaque, &shaft, |_| Part::Opaque);
+        let mut found = std::mem::take(&mut self.found);
+        found.clear();
+        let opaque_faces = &occluders.opaque.faces;
+        self.search(&occluders.opaque, shaft, |leaf| {
+            found.extend(leaf.map(|k| (opaque_faces[k], Part::Opaque)));
+            true
+        });
         if let Some((bvh, through)) = &occluders.transparent {
             let part = |i: usize| {
                 if opaque {
@@ -198,7 +249,10 @@ impl Gatherer {
                     Part::Clear(through[i])
                 }
             };
-            self.search(bvh, &shaft, part);
+            self.search(bvh, shaft, |leaf| {
+                found.extend(leaf.map(|k| (bvh.faces[k], part(k))));
+                true
+            });
         }
         let front = light.normal().map(|m| (m, light.center() + light.lift()));
         let pyramid = pyramid(light, side);
@@ -215,7 +269,6 @@ impl Gatherer {
         let mut out = PatchOccluders::default();
         self.vertices.clear();
         self.cuts.clear();
-        let found = std::mem::take(&mut self.found);
         for &(face, mut part) in &found {
             if patches.of_face[face as usize] == patch {
                 continue;
@@ -288,7 +341,13 @@ impl Gatherer {
         }
     }
 
-    fn search(&mut self, bvh: &TriangleBvh, shaft: &Shaft, part: impl Fn(usize) -> Part) {
+    /// Calls `each` for the leaves with a part in a shaft until it returns false.
+    fn search(
+        &mut self,
+        bvh: &TriangleBvh,
+        shaft: &Shaft,
+        mut each: impl FnMut(Range<usize>) -> bool,
+    ) {
         self.stack.clear();
         self.stack.push(0);
         while let Some(i) = self.stack.pop() {
@@ -302,8 +361,9 @@ impl Gatherer {
                 self.stack.extend([node.first, i + 1]);
                 continue;
             }
-            let leaf = node.first as usize..(node.first + node.count) as usize;
-            self.found.extend(leaf.map(|k| (bvh.faces[k], part(k))));
+            if !each(node.first as usize..(node.first + node.count) as usize) {
+                return;
+            }
         }
     }
 }
