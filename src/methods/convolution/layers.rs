@@ -39,12 +39,12 @@ pub struct Window {
 
 impl Window {
     /// Size of a texel in parts of the receiver's edges.
-    fn texel(&self) -> DVec2 {
+    pub fn texel(&self) -> DVec2 {
         (self.high - self.low) / DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
     }
 
     /// Place of the point `(u, v)` of the receiver in the window's picture, in texels from the first texel's centre.
-    fn place(&self, u: f64, v: f64) -> DVec2 {
+    pub fn place(&self, u: f64, v: f64) -> DVec2 {
         (DVec2::new(u, v) - self.low) / self.texel() - 0.5
     }
 
@@ -121,8 +121,35 @@ pub struct Layer {
     scale: f64,
 }
 
-/// Steps of the logarithm of the scale that parts are told apart by.
-const STEPS: usize = 512;
+/// What a shadow's scales are told apart by: their exponent and the first seven bits after it, which grow with the
+/// logarithm, to less than a hundredth.
+const BITS: u32 = 16;
+
+fn step(scale: f32) -> usize {
+    (scale.to_bits() >> BITS) as usize
+}
+
+/// The scale that a step begins with.
+fn scale_of(step: usize) -> f64 {
+    f64::from(f32::from_bits((step as u32) << BITS))
+}
+
+/// Which part of the shadow a scale is in.
+pub struct Parts {
+    /// Where the table begins; what has a smaller scale counts as that.
+    first: usize,
+    part_of_step: Vec<u32>,
+    /// The scale that stands for all of a part.
+    pub scales: Vec<f64>,
+}
+
+impl Parts {
+    /// The part of a scale.
+    #[inline(always)]
+    pub fn of(&self, scale: f32) -> usize {
+        self.part_of_step[step(scale).max(self.first) - self.first] as usize
+    }
+}
 
 impl HardShadow {
     /// Draws what casts with a scale in a range; what has one above `largest`, which only rounding and what
@@ -184,35 +211,33 @@ impl HardShadow {
     }
 
     /// Splits the shadow until no part is off by more than `error`, or by what a texel can show.
-    pub fn layers(&self, error: f64, spread: &Spread, window: &Window) -> Vec<Layer> {
+    pub fn parts(&self, error: f64, spread: &Spread, window: &Window) -> Parts {
         let half = (spread.half() / window.texel()).max_element();
         let shadow = || self.scales.iter().copied().filter(|s| !s.is_nan());
-        let largest = f64::from(shadow().fold(0.0, f32::max));
+        let largest = shadow().fold(0.0, f32::max);
         // What spreads less than this is sharp in any case.
-        let least = (0.25 / half.max(1e-12)).min(largest);
-        let span = (largest / least).ln().max(1e-12);
-        let step_of = |scale: f32| {
-            let along = (f64::from(scale).max(least) / least).ln() / span;
-            ((along * STEPS as f64) as usize).min(STEPS - 1)
-        };
-        let mut count = [0usize; STEPS];
-        let mut sum = [0.0f64; STEPS];
+        let least = ((0.25 / half.max(1e-12)) as f32).min(largest);
+        let first = step(least);
+        let count = step(largest) - first + 1;
+        let mut all = vec![(0usize, 0.0f64); count];
         for scale in shadow() {
-            let step = step_of(scale);
-            count[step] += 1;
-            sum[step] += f64::from(scale);
+            let (count, sum) = &mut all[step(scale).max(first) - first];
+            *count += 1;
+            *sum += f64::from(scale);
         }
-        let mut of_step = [0usize; STEPS];
-        let mut scales = Vec::new();
-        let mut stack = vec![(0, STEPS)];
-        while let Some((first, end)) = stack.pop() {
-            let used = |i: &usize| count[*i] > 0;
-            let (Some(low), Some(high)) = ((first..end).find(used), (first..end).rev().find(used))
+        let mut parts = Parts {
+            first,
+            part_of_step: vec![0; count],
+            scales: Vec::new(),
+        };
+        let mut stack = vec![(0, count)];
+        while let Some((begin, end)) = stack.pop() {
+            let used = |i: &usize| all[*i].0 > 0;
+            let (Some(low), Some(high)) = ((begin..end).find(used), (begin..end).rev().find(used))
             else {
                 continue;
             };
-            let scale_of = |step: usize| least * (span * step as f64 / STEPS as f64).exp();
-            let (narrow, wide) = (scale_of(low), scale_of(high + 1));
+            let (narrow, wide) = (scale_of(first + low), scale_of(first + high + 1));
             let off = 0.5 * (1.0 - narrow / wide);
             let seen = (wide - narrow) * half > 0.5;
             if off > error && seen && low < high {
@@ -220,17 +245,37 @@ impl HardShadow {
                 stack.extend([(low, middle), (middle, high + 1)]);
                 continue;
             }
-            let total: usize = count[low..=high].iter().sum();
-            of_step[low..=high].fill(scales.len());
-            scales.push(sum[low..=high].iter().sum::<f64>() / total as f64);
+            let sums = all[low..=high].iter();
+            let (total, sum) = sums.fold((0, 0.0), |m, s| (m.0 + s.0, m.1 + s.1));
+            parts.part_of_step[low..=high].fill(parts.scales.len() as u32);
+            parts.scales.push(sum / total as f64);
         }
-        let mut layers: Vec<Layer> = scales
-            .into_iter()
-            .map(|scale| Layer {
-                texels: Vec::new(),
-                scale,
-            })
-            .collect();
+        parts
+    }
+
+    /// Calls `each(x, y, part, share)` for the fine texels in shadow, with the share of each that is drawn.
+    pub fn each_dark(
+        &self,
+        width: usize,
+        parts: &Parts,
+        mut each: impl FnMut(usize, usize, usize, f32),
+    ) {
+        for (y, row) in self.scales.chunks(width).enumerate() {
+            for (x, &scale) in row.iter().enumerate().filter(|(_, scale)| !scale.is_nan()) {
+                let share = self.range.share(f64::from(scale)) as f32;
+                each(x, y, parts.of(scale), share);
+            }
+        }
+    }
+
+    /// The parts of the shadow as pictures.
+    pub fn layers(&self, error: f64, spread: &Spread, window: &Window) -> Vec<Layer> {
+        let parts = self.parts(error, spread, window);
+        let layer = |&scale: &f64| Layer {
+            texels: Vec::new(),
+            scale,
+        };
+        let mut layers: Vec<Layer> = parts.scales.iter().map(layer).collect();
         let fine = self.fine as usize;
         let [width, height] = window.size.map(|s| s as usize);
         let part = 1.0 / (fine * fine) as f32;
@@ -243,7 +288,7 @@ impl HardShadow {
                     if scale.is_nan() {
                         continue;
                     }
-                    let texels = &mut layers[of_step[step_of(scale)]].texels;
+                    let texels = &mut layers[parts.of(scale)].texels;
                     let part = part * self.range.share(f64::from(scale)) as f32;
                     match texels.last_mut() {
                         Some((last, sum)) if *last == texel => *sum += part,
