@@ -44,6 +44,7 @@ impl PatchOccluders {
     /// The triangles of a mesh over a receiver's plane, opaque.
     pub fn of_mesh(positions: &[DVec3], faces: &[[u32; 3]], side: &Side) -> Self {
         let mut found = Gatherer::default();
+        found.vertices.clear(positions.len());
         let mut out = PatchOccluders::default();
         for face in faces {
             let corners = face.map(|v| positions[v as usize]);
@@ -162,12 +163,42 @@ pub fn bodies(geometry: &Geometry) -> Vec<Option<[DVec3; 8]>> {
     meshes.map(|m| closed(m).then(|| corners(m))).collect()
 }
 
+/// Numbers of some of a scene's vertices: a table, since to look in a hash map took half of the time.
+#[derive(Debug, Default)]
+struct Numbers {
+    /// The round in which a vertex got its number, and the number.
+    table: Vec<(u32, u32)>,
+    round: u32,
+}
+
+impl Numbers {
+    /// Forgets all numbers, for a scene with so many vertices.
+    fn clear(&mut self, vertices: usize) {
+        if self.table.len() != vertices || self.round == u32::MAX {
+            self.table.clear();
+            self.table.resize(vertices, (0, 0));
+            self.round = 0;
+        }
+        self.round += 1;
+    }
+
+    /// The number of a vertex, `next` if it has none.
+    #[inline(always)]
+    fn of(&mut self, vertex: u32, next: impl FnOnce() -> u32) -> u32 {
+        let (round, number) = &mut self.table[vertex as usize];
+        if *round != self.round {
+            (*round, *number) = (self.round, next());
+        }
+        *number
+    }
+}
+
 /// What a thread keeps between patches.
 #[derive(Debug, Default)]
 pub struct Gatherer {
     stack: Vec<u32>,
     found: Vec<(u32, Part)>,
-    vertices: HashMap<u32, u32>,
+    vertices: Numbers,
     cuts: HashMap<(u32, u32), u32>,
 }
 
@@ -267,7 +298,7 @@ impl Gatherer {
         };
         let closed: Vec<bool> = casting.bodies.iter().map(between).collect();
         let mut out = PatchOccluders::default();
-        self.vertices.clear();
+        self.vertices.clear(geometry.positions.len());
         self.cuts.clear();
         for &(face, mut part) in &found {
             if patches.of_face[face as usize] == patch {
@@ -311,10 +342,9 @@ impl Gatherer {
         for i in 0..3 {
             let j = (i + 1) % 3;
             if heights[i] >= 0.0 {
-                polygon[n] = *self
+                polygon[n] = self
                     .vertices
-                    .entry(face[i])
-                    .or_insert_with(|| push(&mut out.points, corners[i]));
+                    .of(face[i], || push(&mut out.points, corners[i]));
                 n += 1;
             }
             if (heights[i] >= 0.0) != (heights[j] >= 0.0) {

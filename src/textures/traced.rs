@@ -106,7 +106,7 @@ impl<'a> Tracing<'a> {
 
     fn block(&self, wanted: &[Wanted], scratch: &mut Scratch, out: &mut [[f32; 2]]) {
         let texel = |lane: usize| wanted[lane.min(wanted.len() - 1)];
-        let block = Block {
+        let mut block = Block {
             sides: std::array::from_fn(|lane| self.atlas.side(texel(lane).0)),
             at: [Row::default(); 3],
             lanes: u16::MAX >> (LANES - wanted.len()),
@@ -115,7 +115,6 @@ impl<'a> Tracing<'a> {
             let (key, place) = texel(lane);
             center_of(&side.bounds, self.atlas.size(key.patch), place)
         };
-        let mut block = block;
         for (lane, side) in block.sides.iter().enumerate() {
             let p = center(lane, side).as_vec3();
             scratch.packet.set(lane, p, p);

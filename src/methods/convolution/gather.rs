@@ -14,7 +14,7 @@ const LEAST: f64 = 0.5;
 
 /// Up to this half extent, in fine texels, the weights of all texels are added up and divided by: of larger images
 /// they sum to 1 to a hundredth.
-const SMALL: f64 = 6.0;
+const SMALL: f64 = 3.0;
 
 /// The light's image at the scale of one part.
 #[derive(Debug, Clone, Copy)]

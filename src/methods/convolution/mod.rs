@@ -67,6 +67,10 @@ const SMALL_WINDOW: u32 = 64;
 /// Up to so many texels, those of a texture that pictures look up are found one by one.
 const FEW_TEXELS: u32 = 256;
 
+/// Fewest texels along a side of the window around a texture of so few texels. 64 took 1.6 times as long on a scan,
+/// with a root mean square change of 0.006 where the method's error was 0.044, before and after.
+const FEW_WINDOW: u32 = 32;
+
 /// How much wider than the texture its window may be, at the texture's resolution.
 const WIDER: u32 = 4;
 
@@ -378,7 +382,7 @@ fn small_window(range: &Range, largest: f64, spread: &Spread, size: [u32; 2]) ->
     Window {
         low: -margin,
         high: DVec2::ONE + margin,
-        size: size.map(|s| (FINE * s).max(SMALL_WINDOW)),
+        size: size.map(|s| (FINE * s).max(FEW_WINDOW)),
         fine: 1,
     }
 }
