@@ -7,7 +7,7 @@
 use glam::DVec2;
 
 use super::kernel::Spread;
-use super::layers::{HardShadow, Parts, Window};
+use super::layers::{HardShadow, Window};
 
 /// Least half extent of the light's image across each axis, in fine texels: half a texel is what a point shows.
 const LEAST: f64 = 0.5;
@@ -45,25 +45,21 @@ pub(super) struct Gather {
 }
 
 impl Gather {
-    /// Splits a shadow, whose window has no finer texels than its own, into parts.
-    pub(super) fn new(
-        shadow: &HardShadow,
-        parts: &Parts,
-        spread: &Spread,
-        window: &Window,
-    ) -> Self {
-        let image = |&scale: &f64| Image::new(spread, scale, window.texel());
-        let mut dark = Vec::new();
-        shadow.each_dark(window.size[0] as usize, parts, |x, y, part, share| {
-            dark.push(Dark {
-                at: [x as f32, y as f32],
-                image: part as u32,
-                share,
-            });
-        });
+    /// Splits a shadow, whose window has no finer texels than its own, until no part is off by more than `error`.
+    pub(super) fn new(shadow: &HardShadow, error: f64, spread: &Spread, window: &Window) -> Self {
+        let axes = spread.axes().map(|d| window.in_texels(d));
+        let half = axes[0].abs() + axes[1].abs();
+        let parts = shadow.parts(error, half.max_element());
+        let image = |&scale: &f64| Image::new(axes.map(|d| d * scale), spread.is_disk());
+        let width = window.size[0];
+        let dark = |&(at, scale): &(u32, f32)| Dark {
+            at: [at % width, at / width].map(|x| x as f32),
+            image: parts.of(scale) as u32,
+            share: shadow.range.share(f64::from(scale)) as f32,
+        };
         Gather {
             window: *window,
-            dark,
+            dark: shadow.dark.iter().map(dark).collect(),
             images: parts.scales.iter().map(image).collect(),
         }
     }
@@ -84,12 +80,12 @@ impl Gather {
 }
 
 impl Image {
-    fn new(spread: &Spread, scale: f64, texel: DVec2) -> Self {
-        let [a, b] = thick(spread.axes(scale, texel));
+    /// The image between its vectors, in texels.
+    fn new(axes: [DVec2; 2], disk: bool) -> Self {
+        let [a, b] = thick(axes);
         let det = a.perp_dot(b);
         let rows = [DVec2::new(b.y, -b.x) / det, DVec2::new(-a.y, a.x) / det];
         let texel = rows.map(|r| r.x.abs() + r.y.abs());
-        let disk = spread.is_disk();
         let (area, half) = if disk {
             (
                 std::f64::consts::PI,

@@ -63,9 +63,9 @@ impl Spread {
         }
     }
 
-    /// The vectors `a` and `b` at a scale, in texels of the given size.
-    pub fn axes(&self, scale: f64, texel: DVec2) -> [DVec2; 2] {
-        [self.a, self.b].map(|d| d * scale / texel)
+    /// The vectors `a` and `b`.
+    pub fn axes(&self) -> [DVec2; 2] {
+        [self.a, self.b]
     }
 
     /// Whether the image is a disk between its vectors, and not their parallelogram.

@@ -9,7 +9,7 @@
 //! while that is more than the error that may be, and wide enough for a texel to show. Halves are taken in the
 //! logarithm of the scale: the error depends on the scales' ratio.
 
-use glam::DVec2;
+use glam::{DMat2, DVec2};
 use rayon::prelude::*;
 
 use super::fourier::Transform;
@@ -35,24 +35,52 @@ pub struct Window {
     pub size: [u32; 2],
     /// The hard shadow has so many finer texels along a side of each.
     pub fine: u32,
+    /// Whether its rows are turned against the receiver's edges ([`TURN`]), around the same middle, and longer, so
+    /// that it holds all that lies between both ends.
+    pub turned: bool,
 }
 
+/// Cosine and sine of the angle that a window is turned by. An edge along a row of texels is known to half a texel;
+/// along one that crosses rows at a slope far from all simple fractions (the golden ratio's square), its texels'
+/// errors cancel.
+const TURN: [f64; 2] = [0.934_172_358_962_715_7, 0.356_822_089_773_089_9];
+
 impl Window {
-    /// Size of a texel in parts of the receiver's edges.
-    pub fn texel(&self) -> DVec2 {
+    /// Size of a texel in parts of the receiver's edges, of a window that is not turned.
+    fn texel(&self) -> DVec2 {
         (self.high - self.low) / DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
+    }
+
+    /// The window's edges, in parts of the receiver's.
+    fn edges(&self) -> DMat2 {
+        let size = DMat2::from_diagonal(self.high - self.low);
+        if !self.turned {
+            return size;
+        }
+        let [cos, sin] = TURN.map(|x| x * (TURN[0] + TURN[1]));
+        size * DMat2::from_cols_array(&[cos, sin, -sin, cos])
+    }
+
+    /// A vector on the receiver, in parts of its edges, in texels.
+    pub fn in_texels(&self, d: DVec2) -> DVec2 {
+        let [w, h] = self.size.map(f64::from);
+        self.edges().inverse() * d * DVec2::new(w, h)
     }
 
     /// Place of the point `(u, v)` of the receiver in the window's picture, in texels from the first texel's centre.
     pub fn place(&self, u: f64, v: f64) -> DVec2 {
-        (DVec2::new(u, v) - self.low) / self.texel() - 0.5
+        let [w, h] = self.size.map(f64::from);
+        let middle = 0.5 * (self.low + self.high);
+        self.in_texels(DVec2::new(u, v) - middle) + 0.5 * DVec2::new(w, h) - 0.5
     }
 
     fn on(&self, bounds: &Parallelogram) -> Parallelogram {
-        let size = self.high - self.low;
+        let edges = self.edges();
+        let corner = 0.5 * (self.low + self.high) - 0.5 * (edges.x_axis + edges.y_axis);
+        let [ex, ey] = bounds.edges;
         Parallelogram {
-            corner: bounds.at(self.low.x, self.low.y),
-            edges: [bounds.edges[0] * size.x, bounds.edges[1] * size.y],
+            corner: bounds.at(corner.x, corner.y),
+            edges: [edges.x_axis, edges.y_axis].map(|d| ex * d.x + ey * d.y),
         }
     }
 }
@@ -95,7 +123,7 @@ pub struct Range {
 
 impl Range {
     /// The part of an occluder of this scale that is drawn, 0 to 1.
-    fn share(&self, scale: f64) -> f64 {
+    pub fn share(&self, scale: f64) -> f64 {
         let beyond = |bound: f64| ((scale / bound - 1.0) / SHARED + 0.5).clamp(0.0, 1.0);
         self.low.map_or(1.0, beyond) - self.high.map_or(0.0, beyond)
     }
@@ -107,10 +135,12 @@ impl Range {
     }
 }
 
-/// The scale of every fine texel of a window, in rows; not a number where it is lit.
+/// The hard shadow in a window.
 pub struct HardShadow {
-    scales: Vec<f32>,
-    range: Range,
+    /// The fine texels in shadow, by their number in rows, with their scales; tile by tile.
+    pub dark: Vec<(u32, f32)>,
+    /// The scales that are drawn.
+    pub range: Range,
     /// Fine texels along a side of a texel.
     fine: u32,
 }
@@ -168,13 +198,9 @@ impl HardShadow {
     ) -> Result<Self> {
         let fine = window.fine;
         let [width, height] = window.size.map(|s| s * fine);
-        let mut scales = vec![f32::NAN; width as usize * height as usize];
+        let mut dark = Vec::new();
         let Some(view) = camera(eye, &window.on(&side.bounds), [width, height]) else {
-            return Ok(HardShadow {
-                scales,
-                range,
-                fine,
-            });
+            return Ok(HardShadow { dark, range, fine });
         };
         let points: Vec<_> = occluders.points.iter().map(|p| view.project(*p)).collect();
         let faces: Vec<[u32; 3]> = [&occluders.opaque, &occluders.closed]
@@ -195,25 +221,20 @@ impl HardShadow {
                     continue;
                 }
                 let (x, y) = (i as u32 % tile.width, i as u32 / tile.width);
-                let at = ((tile.y + y) * width + tile.x + x) as usize;
                 let scale = |inverse: f64| (inverse - 1.0).clamp(0.0, largest);
                 let mean = 0.5 * (scale(*near) + scale(*far));
                 if range.share(mean) > 0.0 {
-                    scales[at] = mean as f32;
+                    dark.push(((tile.y + y) * width + tile.x + x, mean as f32));
                 }
             }
         }
-        Ok(HardShadow {
-            scales,
-            range,
-            fine,
-        })
+        Ok(HardShadow { dark, range, fine })
     }
 
-    /// Splits the shadow until no part is off by more than `error`, or by what a texel can show.
-    pub fn parts(&self, error: f64, spread: &Spread, window: &Window) -> Parts {
-        let half = (spread.half() / window.texel()).max_element();
-        let shadow = || self.scales.iter().copied().filter(|s| !s.is_nan());
+    /// Splits the shadow until no part is off by more than `error`, or by what a texel can show: the light's image at
+    /// scale 1 reaches `half` texels.
+    pub fn parts(&self, error: f64, half: f64) -> Parts {
+        let shadow = || self.dark.iter().map(|&(_, scale)| scale);
         let largest = shadow().fold(0.0, f32::max);
         // What spreads less than this is sharp in any case.
         let least = ((0.25 / half.max(1e-12)) as f32).min(largest);
@@ -253,24 +274,10 @@ impl HardShadow {
         parts
     }
 
-    /// Calls `each(x, y, part, share)` for the fine texels in shadow, with the share of each that is drawn.
-    pub fn each_dark(
-        &self,
-        width: usize,
-        parts: &Parts,
-        mut each: impl FnMut(usize, usize, usize, f32),
-    ) {
-        for (y, row) in self.scales.chunks(width).enumerate() {
-            for (x, &scale) in row.iter().enumerate().filter(|(_, scale)| !scale.is_nan()) {
-                let share = self.range.share(f64::from(scale)) as f32;
-                each(x, y, parts.of(scale), share);
-            }
-        }
-    }
-
     /// The parts of the shadow as pictures.
     pub fn layers(&self, error: f64, spread: &Spread, window: &Window) -> Vec<Layer> {
-        let parts = self.parts(error, spread, window);
+        let half = (spread.half() / window.texel()).max_element();
+        let parts = self.parts(error, half);
         let layer = |&scale: &f64| Layer {
             texels: Vec::new(),
             scale,
@@ -278,13 +285,17 @@ impl HardShadow {
         let mut layers: Vec<Layer> = parts.scales.iter().map(layer).collect();
         let fine = self.fine as usize;
         let [width, height] = window.size.map(|s| s as usize);
+        let mut scales = vec![f32::NAN; width * height * fine * fine];
+        for &(at, scale) in &self.dark {
+            scales[at as usize] = scale;
+        }
         let part = 1.0 / (fine * fine) as f32;
         for y in 0..height {
             for x in 0..width {
                 let texel = (y * width + x) as u32;
                 for i in 0..fine * fine {
                     let (fx, fy) = (x * fine + i % fine, y * fine + i / fine);
-                    let scale = self.scales[fy * width * fine + fx];
+                    let scale = scales[fy * width * fine + fx];
                     if scale.is_nan() {
                         continue;
                     }
@@ -359,6 +370,7 @@ pub fn convolve(
         high: DVec2::ONE,
         size,
         fine: 1,
+        turned: false,
     };
     let texels = (0..).zip(picture).filter(|(_, part)| **part != 0.0);
     let layer = Layer {
