@@ -545,7 +545,9 @@ def test_points_with_colours_add_up_and_refine():
 def _only_texel(corners):
     """Where the one texel is that a triangle of 2² texels has on it."""
     sides = np.roll(corners, -1, axis=1) - corners
-    out, into = (x / np.linalg.norm(x, axis=2, keepdims=True) for x in (sides, np.roll(sides, 1, 1)))
+    out, into = (
+        x / np.linalg.norm(x, axis=2, keepdims=True) for x in (sides, np.roll(sides, 1, 1))
+    )
     # A quarter along both edges from the corner that is nearest to a right one.
     best = np.abs((out * into).sum(axis=2)).argmin(axis=1)
     each = np.arange(len(corners))

@@ -16,6 +16,9 @@ const LEAST: f64 = 0.5;
 /// they sum to 1 to a hundredth.
 const SMALL: f64 = 3.0;
 
+/// How much less than a texel parts may show.
+const FINER: f64 = 4.0;
+
 /// The light's image at the scale of one part.
 #[derive(Debug, Clone, Copy)]
 struct Image {
@@ -49,17 +52,18 @@ impl Gather {
     pub(super) fn new(shadow: &HardShadow, error: f64, spread: &Spread, window: &Window) -> Self {
         let axes = spread.axes().map(|d| window.in_texels(d));
         let half = axes[0].abs() + axes[1].abs();
-        let parts = shadow.parts(error, half.max_element());
+        // Parts cost next to nothing here, so they may show less than a texel.
+        let parts = shadow.parts(error, FINER * half.max_element());
         let image = |&scale: &f64| Image::new(axes.map(|d| d * scale), spread.is_disk());
         let width = window.size[0];
-        let dark = |&(at, scale): &(u32, f32)| Dark {
+        let dark = |(&(at, scale), &part): (&(u32, f32), &u32)| Dark {
             at: [at % width, at / width].map(|x| x as f32),
-            image: parts.of(scale) as u32,
+            image: part,
             share: shadow.range.share(f64::from(scale)) as f32,
         };
         Gather {
             window: *window,
-            dark: shadow.dark.iter().map(dark).collect(),
+            dark: shadow.dark.iter().zip(&parts.of).map(dark).collect(),
             images: parts.scales.iter().map(image).collect(),
         }
     }

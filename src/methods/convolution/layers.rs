@@ -151,34 +151,15 @@ pub struct Layer {
     scale: f64,
 }
 
-/// What a shadow's scales are told apart by: their exponent and the first seven bits after it, which grow with the
-/// logarithm, to less than a hundredth.
-const BITS: u32 = 16;
+/// Steps of the logarithm of the scale that parts are told apart by.
+const STEPS: usize = 512;
 
-fn step(scale: f32) -> usize {
-    (scale.to_bits() >> BITS) as usize
-}
-
-/// The scale that a step begins with.
-fn scale_of(step: usize) -> f64 {
-    f64::from(f32::from_bits((step as u32) << BITS))
-}
-
-/// Which part of the shadow a scale is in.
+/// The parts of a shadow.
 pub struct Parts {
-    /// Where the table begins; what has a smaller scale counts as that.
-    first: usize,
-    part_of_step: Vec<u32>,
     /// The scale that stands for all of a part.
     pub scales: Vec<f64>,
-}
-
-impl Parts {
-    /// The part of a scale.
-    #[inline(always)]
-    pub fn of(&self, scale: f32) -> usize {
-        self.part_of_step[step(scale).max(self.first) - self.first] as usize
-    }
+    /// The part of each dark texel.
+    pub of: Vec<u32>,
 }
 
 impl HardShadow {
@@ -235,30 +216,32 @@ impl HardShadow {
     /// scale 1 reaches `half` texels.
     pub fn parts(&self, error: f64, half: f64) -> Parts {
         let shadow = || self.dark.iter().map(|&(_, scale)| scale);
-        let largest = shadow().fold(0.0, f32::max);
+        let largest = f64::from(shadow().fold(0.0, f32::max));
         // What spreads less than this is sharp in any case.
-        let least = ((0.25 / half.max(1e-12)) as f32).min(largest);
-        let first = step(least);
-        let count = step(largest) - first + 1;
-        let mut all = vec![(0usize, 0.0f64); count];
-        for scale in shadow() {
-            let (count, sum) = &mut all[step(scale).max(first) - first];
-            *count += 1;
-            *sum += f64::from(scale);
-        }
-        let mut parts = Parts {
-            first,
-            part_of_step: vec![0; count],
-            scales: Vec::new(),
+        let least = (0.25 / half.max(1e-12)).min(largest);
+        let span = (largest / least).ln().max(1e-12);
+        let step_of = |scale: f32| {
+            let along = (f64::from(scale).max(least) / least).ln() / span;
+            ((along * STEPS as f64) as usize).min(STEPS - 1)
         };
-        let mut stack = vec![(0, count)];
-        while let Some((begin, end)) = stack.pop() {
-            let used = |i: &usize| all[*i].0 > 0;
-            let (Some(low), Some(high)) = ((begin..end).find(used), (begin..end).rev().find(used))
+        let steps: Vec<usize> = shadow().map(step_of).collect();
+        let mut count = [0usize; STEPS];
+        let mut sum = [0.0f64; STEPS];
+        for (&step, scale) in steps.iter().zip(shadow()) {
+            count[step] += 1;
+            sum[step] += f64::from(scale);
+        }
+        let mut of_step = [0u32; STEPS];
+        let mut scales = Vec::new();
+        let mut stack = vec![(0, STEPS)];
+        while let Some((first, end)) = stack.pop() {
+            let used = |i: &usize| count[*i] > 0;
+            let (Some(low), Some(high)) = ((first..end).find(used), (first..end).rev().find(used))
             else {
                 continue;
             };
-            let (narrow, wide) = (scale_of(first + low), scale_of(first + high + 1));
+            let scale_of = |step: usize| least * (span * step as f64 / STEPS as f64).exp();
+            let (narrow, wide) = (scale_of(low), scale_of(high + 1));
             let off = 0.5 * (1.0 - narrow / wide);
             let seen = (wide - narrow) * half > 0.5;
             if off > error && seen && low < high {
@@ -266,12 +249,12 @@ impl HardShadow {
                 stack.extend([(low, middle), (middle, high + 1)]);
                 continue;
             }
-            let sums = all[low..=high].iter();
-            let (total, sum) = sums.fold((0, 0.0), |m, s| (m.0 + s.0, m.1 + s.1));
-            parts.part_of_step[low..=high].fill(parts.scales.len() as u32);
-            parts.scales.push(sum / total as f64);
+            let total: usize = count[low..=high].iter().sum();
+            of_step[low..=high].fill(scales.len() as u32);
+            scales.push(sum[low..=high].iter().sum::<f64>() / total as f64);
         }
-        parts
+        let of = steps.into_iter().map(|step| of_step[step]).collect();
+        Parts { scales, of }
     }
 
     /// The parts of the shadow as pictures.
@@ -285,9 +268,10 @@ impl HardShadow {
         let mut layers: Vec<Layer> = parts.scales.iter().map(layer).collect();
         let fine = self.fine as usize;
         let [width, height] = window.size.map(|s| s as usize);
-        let mut scales = vec![f32::NAN; width * height * fine * fine];
-        for &(at, scale) in &self.dark {
-            scales[at as usize] = scale;
+        // Which dark texel is where, in rows.
+        let mut number = vec![u32::MAX; width * height * fine * fine];
+        for (i, &(at, _)) in self.dark.iter().enumerate() {
+            number[at as usize] = i as u32;
         }
         let part = 1.0 / (fine * fine) as f32;
         for y in 0..height {
@@ -295,11 +279,11 @@ impl HardShadow {
                 let texel = (y * width + x) as u32;
                 for i in 0..fine * fine {
                     let (fx, fy) = (x * fine + i % fine, y * fine + i / fine);
-                    let scale = scales[fy * width * fine + fx];
-                    if scale.is_nan() {
+                    let i = number[fy * width * fine + fx] as usize;
+                    let Some(&(_, scale)) = self.dark.get(i) else {
                         continue;
-                    }
-                    let texels = &mut layers[parts.of(scale)].texels;
+                    };
+                    let texels = &mut layers[parts.of[i] as usize].texels;
                     let part = part * self.range.share(f64::from(scale)) as f32;
                     match texels.last_mut() {
                         Some((last, sum)) if *last == texel => *sum += part,
