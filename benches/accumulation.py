@@ -1,7 +1,7 @@
 """Time and error of averaged hard-shadow textures, and of convolved ones.
 
     python benches/accumulation.py [--repeats 15] [--size 512] [--samples 1024] [--quick]
-                                   [--parts speed errors convergence city convolution]
+                                   [--parts speed errors convergence city convolution dense]
 
 benches/README.md says how to read it.
 """
@@ -19,7 +19,7 @@ import softshadow as ss
 import trimesh
 from tables import table
 
-PARTS = ("speed", "errors", "convergence", "city", "convolution")
+PARTS = ("speed", "errors", "convergence", "city", "convolution", "dense")
 
 
 def torus_over_square(triangles: int = 2000) -> tuple[ss.Scene, ss.Light]:
@@ -179,6 +179,42 @@ def convolution(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
                 "mae penumbra": float(np.abs(error).mean()),
                 "bias": float(error.mean()),
                 "frame s": image.seconds["frame"],
+            }
+
+
+def dense(options: argparse.Namespace) -> Iterable[dict[str, Any]]:
+    """Measure first frames where receivers are many small polygons."""
+    size = options.size * 3 // 4
+    few = options.quick
+    scenes = {
+        "tree": lambda: ss.scenes.tree(size, size, leaves=2_000 if few else 40_000),
+        "fur": lambda: ss.scenes.fur_ball(size, size, triangles=20_000 if few else 480_000),
+    }
+    try:
+        bunny = ss.scenes.bunny_on_plane(width=options.size, height=options.size)
+        scenes = {"demo": lambda: bunny, **scenes}
+    except FileNotFoundError as error:
+        print(error)
+    for name, make in scenes.items():
+        setup = make()
+        world = (setup.scene, setup.camera, setup.light)
+        reference = ss.render(*world, ss.RayTraced(options.samples, seed=7))
+        for method in (ss.Accumulation(), ss.Convolution()):
+            prepared = ss.prepare(setup.scene, setup.light, method)
+            cpu = time.process_time()
+            image = prepared.render(setup.camera)
+            cpu = time.process_time() - cpu
+            again = prepared.render(setup.camera)
+            error = image.visibility.astype(np.float64) - reference.visibility
+            yield {
+                "scene": name,
+                "triangles": setup.scene.triangle_count,
+                "method": type(method).__name__,
+                "rmse": float(np.sqrt((error[reference.mask] ** 2).mean())),
+                "frame s": image.seconds["frame"],
+                "cpu s": cpu,
+                "next frame s": again.seconds["frame"],
+                "MB": image.bytes / 1e6,
             }
 
 

@@ -72,6 +72,8 @@ def _cases():
         cases[f"{name} translucent"] = (translucent, rect, name)
     cases["accumulation"] = (coarse, rect, ss.Accumulation(max_size=256))
     cases["convolution"] = (coarse, rect, ss.Convolution(max_size=256))
+    cases["accumulation dense"] = (solid, rect, ss.Accumulation(max_size=256))
+    cases["convolution dense"] = (solid, rect, ss.Convolution(max_size=256))
     return cases
 
 
@@ -101,9 +103,10 @@ def work():
             cases[name] = (setup.scene, setup.light, ss.RayTraced(int(samples)))
             cameras[name] = setup.camera
         # Textures are kept after the first picture, which is the one to time.
-        if name not in ready or name in ("accumulation", "convolution"):
+        textures = name.split()[0] in ("accumulation", "convolution")
+        if name not in ready or textures:
             ready = {name: ss.prepare(*cases[name])}
-            if name not in ("accumulation", "convolution"):
+            if not textures:
                 ready[name].render(cameras[name])
         wall, cpu = time.perf_counter(), time.process_time()
         ready[name].render(cameras[name])

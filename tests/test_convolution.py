@@ -331,3 +331,46 @@ def test_flat_boards_in_one_plane_and_above_each_other():
     ):
         for turn in TURNS.values():
             assert _under_a_board(boards, turn).max() < 2e-3, boards
+
+
+# ---------------------------------------------------------------- small polygons
+
+
+def _domed_ground(n):
+    """A ground of ``2 n**2`` triangles, none of which rises over the plane of another."""
+    x, y = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
+    # Of a sphere of radius 100: far more than rounding, far less than what a penumbra shows.
+    z = -(x**2 + y**2) / 200
+    i = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]
+    faces = [np.stack(t, -1).reshape(-1, 3) for t in ([a, b, c], [a, c, d])]
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate(faces)
+
+
+@pytest.mark.parametrize("kind", ["rect", "disk"])
+@pytest.mark.parametrize("blocker", SHEETS)
+def test_small_polygons_are_as_exact_as_large_ones(kind, blocker):
+    """A parallel set-up over a ground of 5,000 triangles, whose texels are found one by one."""
+    _, camera, light = _parallel(kind, SHEETS[blocker])
+    scene = ss.Scene()
+    scene.add(_domed_ground(50), "ground")
+    scene.add(SHEETS[blocker], "blocker")
+    error = _ground_error((scene, camera, light), ss.Convolution(texel=1 / 200))
+    # Measured: at most 0.0017 and 0.006, no more than with pictures of whole windows.
+    assert error.mean() < 0.003
+    assert np.quantile(error, 0.99) < 0.01
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-6])
+def test_small_polygons_under_a_light_without_extent(size):
+    """Its image is a point: what is hidden is all or nothing, but within a texel of an edge."""
+    _, camera, _ = _parallel("rect", SHEETS["half-plane"])
+    light = ss.SphereLight((0, 0, 1), size)
+    scene = ss.Scene()
+    scene.add(_domed_ground(20), "ground")
+    scene.add(SHEETS["turned square"], "blocker")
+    images = [ss.render(scene, camera, light, m) for m in (ss.Convolution(texel=1 / 50), "hard")]
+    ground = images[0].mask & (images[0].mesh_id == 0)
+    seen = images[0].visibility[ground]
+    assert ((seen > 0.001) & (seen < 0.999)).mean() < 0.1
+    assert np.abs(seen - images[1].visibility[ground]).mean() < 0.02

@@ -69,6 +69,12 @@ impl Packet {
         }
     }
 
+    /// Sets the ends of all segments.
+    #[inline]
+    pub fn set_targets(&mut self, targets: &[Row; 3]) {
+        self.target = *targets;
+    }
+
     /// Starts of all segments.
     pub(crate) fn origins(&self) -> &[Row; 3] {
         &self.origin

@@ -28,6 +28,11 @@ use crate::textures::lookup::Contacts;
 use crate::textures::occluders::Gatherer;
 use crate::textures::pictures::{Painter, Pictures};
 use crate::textures::texture::{Texture, TextureScene};
+use crate::textures::traced::{Tracing, Wanted};
+
+/// Up to so many texels a texture is never drawn: to trace those that are looked up takes as long as to find what
+/// casts on it.
+const FEW_TEXELS: usize = 64;
 
 /// What a texture holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -106,6 +111,14 @@ impl Accumulation {
         (a + step * seen).min(255) as u8
     }
 
+    /// The visibility that a texture keeps.
+    fn kept(&self, visibility: f32) -> f32 {
+        if self.content == Content::EightBit {
+            return self.visibility_of(self.eight_bits(visibility, self.samples));
+        }
+        visibility
+    }
+
     /// What a picture makes of eight bits: the light's part of them, the saturated level being all of it.
     fn visibility_of(&self, level: u8) -> f32 {
         let a = self.ambient_level();
@@ -152,10 +165,31 @@ impl Painter for Accumulation {
     ) -> Result<Contacts> {
         let contacts = self.refine(atlas, key, texture, self.samples, gatherer, control)?;
         if self.content == Content::EightBit {
-            let samples = self.samples;
-            texture.map_visibility(|v| self.visibility_of(self.eight_bits(v, samples)));
+            texture.map_visibility(|v| self.kept(v));
         }
         Ok(contacts)
+    }
+
+    fn is_sparse(&self, atlas: &Atlas, key: Key, gatherer: &mut Gatherer) -> bool {
+        let [width, height] = atlas.size(key.patch).map(|s| s as usize);
+        let texels = width * height;
+        texels <= FEW_TEXELS || atlas.has_more_occluders(key, texels, gatherer)
+    }
+
+    fn find(
+        &self,
+        atlas: &Atlas,
+        light: u32,
+        wanted: &[Wanted],
+        control: &Control,
+        done: &(dyn Fn(usize) + Sync),
+    ) -> Result<Vec<[f32; 2]>> {
+        let tracing = Tracing::new(atlas, light, self.samples, self.seed);
+        let mut found = tracing.texels(wanted, control, done)?;
+        for [visibility, _] in &mut found {
+            *visibility = self.kept(*visibility);
+        }
+        Ok(found)
     }
 }
 

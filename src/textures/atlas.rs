@@ -209,13 +209,37 @@ impl Atlas {
 
     /// What may cast on a texture.
     pub fn occluders(&self, key: Key, side: &Side, gatherer: &mut Gatherer) -> PatchOccluders {
-        let casting = Casting {
+        gatherer.collect(
+            &self.casting(),
+            key.patch,
+            side,
+            &self.lights[key.light as usize],
+        )
+    }
+
+    /// Lines along which what casts passes through a texture.
+    pub fn contacts(&self, key: Key, side: &Side, gatherer: &mut Gatherer) -> Vec<[DVec3; 2]> {
+        gatherer.contacts(
+            &self.casting(),
+            key.patch,
+            side,
+            &self.lights[key.light as usize],
+        )
+    }
+
+    /// Whether more than so many triangles may cast on a texture.
+    pub fn has_more_occluders(&self, key: Key, most: usize, gatherer: &mut Gatherer) -> bool {
+        let light = &self.lights[key.light as usize];
+        gatherer.has_more(&self.casting(), &self.side(key), light, most)
+    }
+
+    fn casting(&self) -> Casting<'_> {
+        Casting {
             geometry: &self.geometry,
             patches: &self.patches,
             bodies: &self.bodies,
             opaque: self.layout.opaque,
-        };
-        gatherer.collect(&casting, key.patch, side, &self.lights[key.light as usize])
+        }
     }
 
     /// An empty texture.

@@ -12,10 +12,14 @@ use glam::{DVec2, DVec3};
 use super::atlas::Atlas;
 use super::occluders::Side;
 use super::patches::Parallelogram;
+use super::sparse::Sparse;
 use super::texture::Texture;
 use crate::camera::Camera;
 use crate::light::Light;
 use crate::raster::coverage::{Bitmap, Projected, cover};
+
+/// How many texels away the nearest one on the polygon is looked for.
+const FAR: u32 = 2;
 
 /// Which texels have their centre on the polygon; nothing is kept where all have.
 #[derive(Debug, Clone, Default)]
@@ -60,6 +64,16 @@ impl TexelMask {
     #[inline(always)]
     pub fn holds(&self, x: u32, y: u32) -> bool {
         self.0.as_ref().is_none_or(|b| b.get(x, y))
+    }
+
+    /// Whether a single texel of few has its centre on the polygon, so that every point of it shows that one.
+    pub fn has_one(&self) -> bool {
+        let one = |b: &Bitmap| {
+            let few =
+                b.words.len() <= FAR as usize + 1 && b.words.iter().all(|w| w >> (FAR + 1) == 0);
+            few && b.words.iter().map(|w| w.count_ones()).sum::<u32>() == 1
+        };
+        self.0.as_ref().is_some_and(one)
     }
 
     /// Bytes of the bits.
@@ -174,16 +188,59 @@ fn cell(x: f64, size: u32) -> u32 {
     (x.max(0.0) as u32).min(size.saturating_sub(2))
 }
 
-/// A finished texture, and what looking it up needs.
+/// Where a texture's values are.
+pub(super) enum Values {
+    /// All texels are known.
+    Whole(Texture),
+    /// Those that were looked up are.
+    Sparse(Sparse),
+}
+
+/// A texture, and what looking it up needs.
 pub(super) struct Drawn {
-    pub(super) texture: Texture,
+    pub(super) values: Values,
     pub(super) mask: TexelMask,
     pub(super) contacts: Contacts,
 }
 
 impl Drawn {
     pub(super) fn bytes(&self) -> usize {
-        self.texture.bytes() + self.mask.bytes() + self.contacts.bytes()
+        let values = match &self.values {
+            Values::Whole(texture) => texture.bytes(),
+            Values::Sparse(texture) => texture.bytes(),
+        };
+        values + self.mask.bytes() + self.contacts.bytes()
+    }
+
+    fn size(&self) -> [u32; 2] {
+        match &self.values {
+            Values::Whole(texture) => texture.size,
+            Values::Sparse(texture) => texture.size,
+        }
+    }
+}
+
+/// Texels with their weights, which sum to more than 0.
+#[derive(Default)]
+struct Weighted {
+    texels: [([u32; 2], f32); 4],
+    count: usize,
+}
+
+impl Weighted {
+    fn push(&mut self, texel: [u32; 2], weight: f32) {
+        self.texels[self.count] = (texel, weight);
+        self.count += 1;
+    }
+
+    fn one(texel: [u32; 2]) -> Self {
+        let mut out = Weighted::default();
+        out.push(texel, 1.0);
+        out
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &([u32; 2], f32)> {
+        self.texels[..self.count].iter()
     }
 }
 
@@ -219,8 +276,44 @@ impl<'a> Reader<'a> {
 
     /// Visibility and irradiance (0 unless the texture has it) at a point of the polygon.
     pub fn at(&self, p: DVec3) -> [f32; 2] {
+        let Some(texels) = self.texels(p) else {
+            let (light, n) = (self.light, self.side.normal);
+            let irradiance = light.unshadowed_irradiance(p, n);
+            return [light.fraction_above(p, n), irradiance].map(|x| x as f32);
+        };
+        let (mut sum, mut total) = ([0.0f32; 2], 0.0f32);
+        for &(texel, weight) in texels.iter() {
+            let value = self.texel(texel);
+            sum = [sum[0] + weight * value[0], sum[1] + weight * value[1]];
+            total += weight;
+        }
+        sum.map(|s| s / total)
+    }
+
+    /// Calls `each` for the texels that a point of the polygon shows and that are not known.
+    pub(super) fn unknown(&self, p: DVec3, mut each: impl FnMut([u32; 2])) {
+        let Values::Sparse(known) = &self.drawn.values else {
+            return;
+        };
+        let texels = self.texels(p);
+        for &(texel, _) in texels.iter().flat_map(Weighted::iter) {
+            if known.get(texel).is_none() {
+                each(texel);
+            }
+        }
+    }
+
+    /// Keeps what was found for a texel.
+    pub(super) fn set(&self, texel: [u32; 2], value: [f32; 2]) {
+        if let Values::Sparse(known) = &self.drawn.values {
+            known.set(texel, value);
+        }
+    }
+
+    /// The texels that a point of the polygon shows; none where it is lit.
+    fn texels(&self, p: DVec3) -> Option<Weighted> {
         let d = p - self.side.bounds.corner;
-        let size = self.drawn.texture.size;
+        let size = self.drawn.size();
         let q = [0, 1].map(|k| {
             let t = self.dual[k].dot(d) * f64::from(size[k]) - 0.5;
             // Not a number only where the polygon has no area.
@@ -228,33 +321,29 @@ impl<'a> Reader<'a> {
         });
         let outside = |k: usize| q[k] < 0.0 || q[k] > f64::from(size[k] - 1);
         if self.fitted && (outside(0) || outside(1)) {
-            let (light, n) = (self.light, self.side.normal);
-            let irradiance = light.unshadowed_irradiance(p, n);
-            return [light.fraction_above(p, n), irradiance].map(|x| x as f32);
+            return None;
         }
         let [u, v] = [0, 1].map(|k| q[k].clamp(0.0, f64::from(size[k] - 1)));
         if !self.interpolate {
-            return self.texel((u + 0.5) as u32, (v + 0.5) as u32);
+            return Some(Weighted::one([(u + 0.5) as u32, (v + 0.5) as u32]));
         }
         let (x0, y0) = (u as u32, v as u32);
         let (x1, y1) = ((x0 + 1).min(size[0] - 1), (y0 + 1).min(size[1] - 1));
         let (fx, fy) = ((u - f64::from(x0)) as f32, (v - f64::from(y0)) as f32);
         let four = [
-            (x0, y0, (1.0 - fx) * (1.0 - fy)),
-            (x1, y0, fx * (1.0 - fy)),
-            (x0, y1, (1.0 - fx) * fy),
-            (x1, y1, fx * fy),
+            ([x0, y0], (1.0 - fx) * (1.0 - fy)),
+            ([x1, y0], fx * (1.0 - fy)),
+            ([x0, y1], (1.0 - fx) * fy),
+            ([x1, y1], fx * fy),
         ];
-        let mean = |wanted: &dyn Fn(u32, u32) -> bool| {
-            let (mut sum, mut total) = ([0.0f32; 2], 0.0f32);
-            for (x, y, weight) in four {
+        let choose = |wanted: &dyn Fn(u32, u32) -> bool| {
+            let mut out = Weighted::default();
+            for ([x, y], weight) in four {
                 if weight > 0.0 && wanted(x, y) {
-                    let texel = self.texel(x, y);
-                    sum = [sum[0] + weight * texel[0], sum[1] + weight * texel[1]];
-                    total += weight;
+                    out.push([x, y], weight);
                 }
             }
-            (total > 0.0).then(|| sum.map(|s| s / total))
+            (out.count > 0).then_some(out)
         };
         let (mask, contacts) = (&self.drawn.mask, &self.drawn.contacts);
         let q = DVec2::from_array(q);
@@ -262,33 +351,37 @@ impl<'a> Reader<'a> {
         let joined = |x: u32, y: u32| {
             near.is_empty() || !contacts.separate(near, q, DVec2::new(f64::from(x), f64::from(y)))
         };
-        mean(&|x, y| mask.holds(x, y) && joined(x, y))
-            .or_else(|| self.nearest_on_polygon(q))
-            .or_else(|| mean(&joined))
-            .or_else(|| mean(&|_, _| true))
-            .unwrap_or_default()
+        choose(&|x, y| mask.holds(x, y) && joined(x, y))
+            .or_else(|| self.nearest_on_polygon(q).map(Weighted::one))
+            .or_else(|| choose(&joined))
+            .or_else(|| choose(&|_, _| true))
     }
 
-    /// The nearest texel on the polygon of those up to two away, as at a triangle's sharp corner.
-    fn nearest_on_polygon(&self, q: DVec2) -> Option<[f32; 2]> {
+    /// The nearest texel on the polygon of those up to [`FAR`] away, as at a triangle's sharp corner.
+    fn nearest_on_polygon(&self, q: DVec2) -> Option<[u32; 2]> {
         let around = |q: f64, size: u32| {
             let middle = q.round().clamp(0.0, f64::from(size - 1)) as u32;
-            middle.saturating_sub(2)..=(middle + 2).min(size - 1)
+            middle.saturating_sub(FAR)..=(middle + FAR).min(size - 1)
         };
-        let size = self.drawn.texture.size;
+        let size = self.drawn.size();
         let texels = around(q.y, size[1])
             .flat_map(|y| around(q.x, size[0]).map(move |x| (x, y)))
             .filter(|&(x, y)| self.drawn.mask.holds(x, y));
         let far = |&(x, y): &(u32, u32)| (DVec2::new(f64::from(x), f64::from(y)) - q).length();
         let nearest = texels.min_by(|a, b| far(a).total_cmp(&far(b)));
-        nearest.map(|(x, y)| self.texel(x, y))
+        nearest.map(|(x, y)| [x, y])
     }
 
     #[inline(always)]
-    fn texel(&self, x: u32, y: u32) -> [f32; 2] {
-        let texture = &self.drawn.texture;
-        let (x, y) = (x as usize, y as usize);
-        let irradiance = texture.irradiance(x, y, self.light, &self.side);
-        [texture.visibility(x, y), irradiance.unwrap_or(0.0)]
+    fn texel(&self, [x, y]: [u32; 2]) -> [f32; 2] {
+        match &self.drawn.values {
+            Values::Whole(texture) => {
+                let (x, y) = (x as usize, y as usize);
+                let irradiance = texture.irradiance(x, y, self.light, &self.side);
+                [texture.visibility(x, y), irradiance.unwrap_or(0.0)]
+            }
+            // A picture finds what it looks up before.
+            Values::Sparse(known) => known.get([x, y]).unwrap_or_default(),
+        }
     }
 }

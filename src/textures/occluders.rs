@@ -9,6 +9,7 @@
 //! joined to it casts from there on and what lies in it does not cast.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
@@ -43,6 +44,7 @@ impl PatchOccluders {
     /// The triangles of a mesh over a receiver's plane, opaque.
     pub fn of_mesh(positions: &[DVec3], faces: &[[u32; 3]], side: &Side) -> Self {
         let mut found = Gatherer::default();
+        found.vertices.clear(positions.len());
         let mut out = PatchOccluders::default();
         for face in faces {
             let corners = face.map(|v| positions[v as usize]);
@@ -82,7 +84,7 @@ impl Side {
 
     /// Height of a point over it.
     #[inline(always)]
-    fn height(&self, p: DVec3) -> f64 {
+    pub(super) fn height(&self, p: DVec3) -> f64 {
         self.normal.dot(p - self.bounds.corner)
     }
 }
@@ -161,12 +163,42 @@ pub fn bodies(geometry: &Geometry) -> Vec<Option<[DVec3; 8]>> {
     meshes.map(|m| closed(m).then(|| corners(m))).collect()
 }
 
+/// Numbers of some of a scene's vertices: a table, since to look in a hash map took half of the time.
+#[derive(Debug, Default)]
+struct Numbers {
+    /// The round in which a vertex got its number, and the number.
+    table: Vec<(u32, u32)>,
+    round: u32,
+}
+
+impl Numbers {
+    /// Forgets all numbers, for a scene with so many vertices.
+    fn clear(&mut self, vertices: usize) {
+        if self.table.len() != vertices || self.round == u32::MAX {
+            self.table.clear();
+            self.table.resize(vertices, (0, 0));
+            self.round = 0;
+        }
+        self.round += 1;
+    }
+
+    /// The number of a vertex, `next` if it has none.
+    #[inline(always)]
+    fn of(&mut self, vertex: u32, next: impl FnOnce() -> u32) -> u32 {
+        let (round, number) = &mut self.table[vertex as usize];
+        if *round != self.round {
+            (*round, *number) = (self.round, next());
+        }
+        *number
+    }
+}
+
 /// What a thread keeps between patches.
 #[derive(Debug, Default)]
 pub struct Gatherer {
     stack: Vec<u32>,
     found: Vec<(u32, Part)>,
-    vertices: HashMap<u32, u32>,
+    vertices: Numbers,
     cuts: HashMap<(u32, u32), u32>,
 }
 
@@ -179,17 +211,67 @@ impl Gatherer {
         side: &Side,
         light: &Light,
     ) -> PatchOccluders {
+        let shaft = Shaft::new(bounds_of(&side.bounds), padded_bounds(light));
+        self.collect_in(&shaft, casting, patch, side, light)
+    }
+
+    /// Lines along which what casts passes through a patch.
+    pub fn contacts(
+        &mut self,
+        casting: &Casting<'_>,
+        patch: u32,
+        side: &Side,
+        light: &Light,
+    ) -> Vec<[DVec3; 2]> {
+        let around = bounds_of(&side.bounds);
+        let near = Shaft::new(around, around);
+        self.collect_in(&near, casting, patch, side, light).contacts
+    }
+
+    /// Whether more than so many triangles may hide a part of the light from a side of a patch.
+    pub fn has_more(
+        &mut self,
+        casting: &Casting<'_>,
+        side: &Side,
+        light: &Light,
+        most: usize,
+    ) -> bool {
+        let shaft = Shaft::new(bounds_of(&side.bounds), padded_bounds(light));
+        let occluders = casting.geometry.occluders();
+        let transparent = occluders.transparent.iter().map(|(bvh, _)| bvh);
+        let mut count = 0;
+        for bvh in transparent.chain([&occluders.opaque]) {
+            self.search(bvh, &shaft, |leaf| {
+                count += leaf.len();
+                count <= most
+            });
+        }
+        count > most
+    }
+
+    /// Collects what can hide a part of the light and has a part in a shaft.
+    fn collect_in(
+        &mut self,
+        shaft: &Shaft,
+        casting: &Casting<'_>,
+        patch: u32,
+        side: &Side,
+        light: &Light,
+    ) -> PatchOccluders {
         let Casting {
             geometry,
             patches,
             opaque,
             ..
         } = *casting;
-        let (low, high) = bounds_of(&side.bounds);
-        let shaft = Shaft::new((low, high), padded_bounds(light));
-        self.found.clear();
         let occluders = geometry.occluders();
-        self.search(&occluders.opaque, &shaft, |_| Part::Opaque);
+        let mut found = std::mem::take(&mut self.found);
+        found.clear();
+        let opaque_faces = &occluders.opaque.faces;
+        self.search(&occluders.opaque, shaft, |leaf| {
+            found.extend(leaf.map(|k| (opaque_faces[k], Part::Opaque)));
+            true
+        });
         if let Some((bvh, through)) = &occluders.transparent {
             let part = |i: usize| {
                 if opaque {
@@ -198,7 +280,10 @@ impl Gatherer {
                     Part::Clear(through[i])
                 }
             };
-            self.search(bvh, &shaft, part);
+            self.search(bvh, shaft, |leaf| {
+                found.extend(leaf.map(|k| (bvh.faces[k], part(k))));
+                true
+            });
         }
         let front = light.normal().map(|m| (m, light.center() + light.lift()));
         let pyramid = pyramid(light, side);
@@ -213,9 +298,8 @@ impl Gatherer {
         };
         let closed: Vec<bool> = casting.bodies.iter().map(between).collect();
         let mut out = PatchOccluders::default();
-        self.vertices.clear();
+        self.vertices.clear(geometry.positions.len());
         self.cuts.clear();
-        let found = std::mem::take(&mut self.found);
         for &(face, mut part) in &found {
             if patches.of_face[face as usize] == patch {
                 continue;
@@ -258,10 +342,9 @@ impl Gatherer {
         for i in 0..3 {
             let j = (i + 1) % 3;
             if heights[i] >= 0.0 {
-                polygon[n] = *self
+                polygon[n] = self
                     .vertices
-                    .entry(face[i])
-                    .or_insert_with(|| push(&mut out.points, corners[i]));
+                    .of(face[i], || push(&mut out.points, corners[i]));
                 n += 1;
             }
             if (heights[i] >= 0.0) != (heights[j] >= 0.0) {
@@ -288,7 +371,13 @@ impl Gatherer {
         }
     }
 
-    fn search(&mut self, bvh: &TriangleBvh, shaft: &Shaft, part: impl Fn(usize) -> Part) {
+    /// Calls `each` for the leaves with a part in a shaft until it returns false.
+    fn search(
+        &mut self,
+        bvh: &TriangleBvh,
+        shaft: &Shaft,
+        mut each: impl FnMut(Range<usize>) -> bool,
+    ) {
         self.stack.clear();
         self.stack.push(0);
         while let Some(i) = self.stack.pop() {
@@ -302,8 +391,9 @@ impl Gatherer {
                 self.stack.extend([node.first, i + 1]);
                 continue;
             }
-            let leaf = node.first as usize..(node.first + node.count) as usize;
-            self.found.extend(leaf.map(|k| (bvh.faces[k], part(k))));
+            if !each(node.first as usize..(node.first + node.count) as usize) {
+                return;
+            }
         }
     }
 }

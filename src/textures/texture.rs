@@ -2,14 +2,10 @@
 //!
 //! Herf and Heckbert 1996: for every light point the occluders are drawn black over the receiver's unshadowed
 //! shading, and the pictures are averaged. Here the occluders leave a bitmap a light point
-//! ([`crate::raster::coverage`]), and the texels that it leaves open add up, sixteen texels at once:
+//! ([`crate::raster::coverage`]), and the texels that it leaves open add up, sixteen texels at once
+//! (`super::sums`).
 //!
-//! - `seen`, the number of light points seen: the modulation texture;
-//! - `light`, the irradiance from them at radiance 1, every light point with its own cosines and distance:
-//!   the radiance texture, but for albedo and the light's colour.
-//!
-//! Of a sphere, whose points the texels weigh differently, `seen` adds weights, and `weight` those of all
-//! points. Sums go in the order of the light points' sequence, so a texture refined from 64 to 128
+//! Sums go in the order of the light points' sequence, so a texture refined from 64 to 128
 //! points has the same bits as one drawn with 128.
 //!
 //! A light point under the receiver's plane, and a texel behind a flat light, do not see each other. What
@@ -20,14 +16,16 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::occluders::{PatchOccluders, Side};
+use super::patches::Parallelogram;
+use super::sums::{self, Beams, LaneSums, Texels, Weighting, load, splat};
 use super::transform::camera;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
-use crate::light::{Light, SphereLight};
+use crate::light::Light;
 use crate::raster::coverage::{Bitmap, Projected, cover, cover_facing};
 use crate::sampling::{Pattern, Sampler, SharedPoint};
-use crate::simd::{LANES, Lanes, Row, detect};
+use crate::simd::{LANES, Row, detect};
 
 /// Most light points drawn at once: their bitmaps are kept until the texels add them up.
 const BATCH: usize = 64;
@@ -37,6 +35,12 @@ const BATCH_BYTES: usize = 64 << 20;
 
 /// Below this many texels and triangles times light points, one thread is as fast as several.
 const SMALL: usize = 1 << 18;
+
+/// The centre of a texel of a parallelogram.
+pub(super) fn center_of(bounds: &Parallelogram, size: [u32; 2], texel: [u32; 2]) -> DVec3 {
+    let [u, v] = [0, 1].map(|k| (f64::from(texel[k]) + 0.5) / f64::from(size[k]));
+    bounds.at(u, v)
+}
 
 /// Sums over light points.
 #[derive(Debug, Clone, Default)]
@@ -81,27 +85,6 @@ struct Shadow {
     blocked: Bitmap,
     /// Transmittance of every texel, in rows of sixteen; empty where nothing is transparent.
     through: Vec<Row>,
-}
-
-/// How light points count.
-#[derive(Clone, Copy, PartialEq)]
-enum Weighting {
-    /// Each as much; they emit along one normal.
-    Flat,
-    /// Light points count by the solid angle that they stand for.
-    Sphere,
-    /// Each as much, to all sides.
-    Point,
-}
-
-impl Weighting {
-    fn of(light: &Light) -> Self {
-        match light.as_sphere() {
-            Some(SphereLight { radius: 0.0, .. }) => Weighting::Point,
-            Some(_) => Weighting::Sphere,
-            None => Weighting::Flat,
-        }
-    }
 }
 
 /// Bytes of a texture under a light.
@@ -244,11 +227,7 @@ impl Texture {
             .weight
             .get(row)
             .map_or(self.samples as f32, |w| w.0[lane]);
-        if all > 0.0 {
-            (seen / all).min(1.0)
-        } else {
-            0.0
-        }
+        sums::visibility(seen, all)
     }
 
     /// Replaces every texel's visibility by a function of it.
@@ -257,8 +236,7 @@ impl Texture {
         for (i, row) in self.seen.iter_mut().enumerate() {
             for (lane, seen) in row.0.iter_mut().enumerate() {
                 let all = self.weight.get(i).map_or(samples, |w| w.0[lane]);
-                let seen_of = |v: f32| if all > 0.0 { (v / all).min(1.0) } else { 0.0 };
-                *seen = f(seen_of(*seen)) * all;
+                *seen = f(sums::visibility(*seen, all)) * all;
             }
         }
     }
@@ -278,20 +256,9 @@ impl Texture {
     pub fn irradiance(&self, x: usize, y: usize, light: &Light, side: &Side) -> Option<f32> {
         let (row, lane) = self.place(x, y);
         let sum = self.light.get(row)?.0[lane];
-        let Some(weight) = self.weight.get(row).map(|w| w.0[lane]) else {
-            return Some(sum / self.samples as f32);
-        };
-        // The weights estimate the sphere's solid angle, which is known.
-        let (u, v) = (
-            (x as f64 + 0.5) / f64::from(self.size[0]),
-            (y as f64 + 0.5) / f64::from(self.size[1]),
-        );
-        let angle = solid_angle(light, side.bounds.at(u, v)) as f32;
-        Some(if weight > 0.0 {
-            sum / weight * angle
-        } else {
-            0.0
-        })
+        let weight = self.weight.get(row).map(|w| w.0[lane]);
+        let center = || center_of(&side.bounds, self.size, [x as u32, y as u32]);
+        Some(sums::irradiance(sum, weight, self.samples, light, center))
     }
 
     /// Bytes of the sums.
@@ -339,16 +306,6 @@ fn draw(
     let (stride, shadow_of) = ((width as usize).div_ceil(LANES), &mut shadow);
     dispatch!(detect(), _ => draw_lanes(occluders, view, stride, shadow_of));
     shadow
-}
-
-/// Solid angle of a sphere.
-fn solid_angle(light: &Light, p: DVec3) -> f64 {
-    let Some(SphereLight { center, radius }) = light.as_sphere() else {
-        return 0.0;
-    };
-    let sin = (radius / (center - p).length()).min(1.0);
-    let cos = ((1.0 - sin) * (1.0 + sin)).sqrt();
-    std::f64::consts::TAU * sin * sin / (1.0 + cos)
 }
 
 /// Draws the occluders.
@@ -404,28 +361,12 @@ struct Sums<'a> {
     weight: &'a mut [Row],
 }
 
-#[inline(always)]
-fn splat<S: Simd>(simd: S, v: Vec3) -> [f32x16<S>; 3] {
-    [
-        f32x16::splat(simd, v.x),
-        f32x16::splat(simd, v.y),
-        f32x16::splat(simd, v.z),
-    ]
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// Adds a batch's shadows to a row of texels, sixteen texels after the other.
 #[inline(always)]
 fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Sums<'_>) {
     let [width, height] = grid.size;
     let v = (y as f64 + 0.5) / f64::from(height);
-    let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
-    // The bound only guards a texel that touches the light.
-    let least = f32x16::splat(simd, 1e-15);
+    let one = f32x16::splat(simd, 1.0);
     let minus_normal = splat(simd, -grid.normal);
     for block in 0..sums.seen.len() {
         let mut at = [Row::default(); 3];
@@ -436,69 +377,40 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
                 at[axis].0[lane] = p[axis];
             }
         }
-        let p = [at[0].load(simd), at[1].load(simd), at[2].load(simd)];
-        let from = |beam: &Beam| {
-            let l = splat(simd, beam.position);
-            [l[0] - p[0], l[1] - p[1], l[2] - p[2]]
+        let texels = Texels {
+            at: load(simd, &at),
+            kind: grid.kind,
+            minus_normal,
+            radiance: grid.radiance,
         };
-        let in_front = match grid.kind {
-            Weighting::Flat => zero.lt(dot(&minus_normal, &from(&shadows[0].beam))),
-            _ => u16::MAX,
+        let zero = f32x16::splat(simd, 0.0);
+        let in_front = texels.in_front(&splat(simd, shadows[0].beam.position));
+        let mut all = LaneSums {
+            seen: sums.seen[block].load(simd),
+            light: sums.light.get(block).map_or(zero, |r| r.load(simd)),
+            weight: sums.weight.get(block).map_or(zero, |r| r.load(simd)),
         };
-        let mut seen = sums.seen[block].load(simd);
-        if !grid.radiance && grid.kind != Weighting::Sphere {
-            for shadow in shadows {
-                let open = !shadow.blocked.block(y, block) & in_front;
-                let through = match shadow.through.get(y * sums.seen.len() + block) {
-                    Some(row) => row.load(simd),
-                    None => one,
-                };
-                seen += through.where_bits(open, zero);
-            }
-            sums.seen[block].set(seen);
-            continue;
-        }
-        let mut light = sums.light.get(block).map_or(zero, |r| r.load(simd));
-        let mut weight = sums.weight.get(block).map_or(zero, |r| r.load(simd));
         for shadow in shadows {
             let beam = &shadow.beam;
             let open = !shadow.blocked.block(y, block) & in_front;
-            if open == 0 && grid.kind != Weighting::Sphere {
-                continue;
-            }
             let through = match shadow.through.get(y * sums.seen.len() + block) {
                 Some(row) => row.load(simd),
                 None => one,
             };
-            let d = from(beam);
-            let squared = dot(&d, &d).greater(least);
-            let (area, above) = (
-                f32x16::splat(simd, beam.area),
-                f32x16::splat(simd, beam.height.max(0.0)),
-            );
-            if grid.kind == Weighting::Sphere {
-                let facing = (zero - dot(&splat(simd, beam.normal), &d)).greater(zero);
-                let length = squared.sqrt();
-                let angle = area * (facing / (squared * length));
-                let part = (angle * through).where_bits(open, zero);
-                weight += angle;
-                seen += part;
-                light += part * (above / length);
-            } else {
-                let facing = dot(&minus_normal, &d).greater(zero);
-                let inverse = one / squared;
-                let cosines = facing * inverse * (above * inverse);
-                let through = through.where_bits(open, zero);
-                seen += through;
-                light += area * cosines * through;
-            }
+            let beams = Beams {
+                position: splat(simd, beam.position),
+                normal: splat(simd, beam.normal),
+                height: f32x16::splat(simd, beam.height),
+                area: f32x16::splat(simd, beam.area),
+            };
+            texels.add(&beams, open, through, &mut all);
         }
-        sums.seen[block].set(seen);
+        sums.seen[block].set(all.seen);
         if let Some(row) = sums.light.get_mut(block) {
-            row.set(light);
+            row.set(all.light);
         }
         if let Some(row) = sums.weight.get_mut(block) {
-            row.set(weight);
+            row.set(all.weight);
         }
     }
 }

@@ -63,6 +63,16 @@ impl Spread {
         }
     }
 
+    /// The vectors `a` and `b`.
+    pub fn axes(&self) -> [DVec2; 2] {
+        [self.a, self.b]
+    }
+
+    /// Whether the image is a disk between its vectors, and not their parallelogram.
+    pub fn is_disk(&self) -> bool {
+        self.disk
+    }
+
     /// The image at a scale as weights that sum to 1: offsets in texels of the given size, and weights, those of
     /// one texel several times. The image is turned about the centre, as through a pinhole.
     pub fn weights(&self, scale: f64, texel: DVec2, mut add: impl FnMut([i32; 2], f32)) {

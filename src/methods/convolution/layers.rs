@@ -9,7 +9,7 @@
 //! while that is more than the error that may be, and wide enough for a texel to show. Halves are taken in the
 //! logarithm of the scale: the error depends on the scales' ratio.
 
-use glam::DVec2;
+use glam::{DMat2, DVec2};
 use rayon::prelude::*;
 
 use super::fourier::Transform;
@@ -35,24 +35,52 @@ pub struct Window {
     pub size: [u32; 2],
     /// The hard shadow has so many finer texels along a side of each.
     pub fine: u32,
+    /// Whether its rows are turned against the receiver's edges ([`TURN`]), around the same middle, and longer, so
+    /// that it holds all that lies between both ends.
+    pub turned: bool,
 }
 
+/// Cosine and sine of the angle that a window is turned by. An edge along a row of texels is known to half a texel;
+/// along one that crosses rows at a slope far from all simple fractions (the golden ratio's square), its texels'
+/// errors cancel.
+const TURN: [f64; 2] = [0.934_172_358_962_715_7, 0.356_822_089_773_089_9];
+
 impl Window {
-    /// Size of a texel in parts of the receiver's edges.
+    /// Size of a texel in parts of the receiver's edges, of a window that is not turned.
     fn texel(&self) -> DVec2 {
         (self.high - self.low) / DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
     }
 
+    /// The window's edges, in parts of the receiver's.
+    fn edges(&self) -> DMat2 {
+        let size = DMat2::from_diagonal(self.high - self.low);
+        if !self.turned {
+            return size;
+        }
+        let [cos, sin] = TURN.map(|x| x * (TURN[0] + TURN[1]));
+        size * DMat2::from_cols_array(&[cos, sin, -sin, cos])
+    }
+
+    /// A vector on the receiver, in parts of its edges, in texels.
+    pub fn in_texels(&self, d: DVec2) -> DVec2 {
+        let [w, h] = self.size.map(f64::from);
+        self.edges().inverse() * d * DVec2::new(w, h)
+    }
+
     /// Place of the point `(u, v)` of the receiver in the window's picture, in texels from the first texel's centre.
-    fn place(&self, u: f64, v: f64) -> DVec2 {
-        (DVec2::new(u, v) - self.low) / self.texel() - 0.5
+    pub fn place(&self, u: f64, v: f64) -> DVec2 {
+        let [w, h] = self.size.map(f64::from);
+        let middle = 0.5 * (self.low + self.high);
+        self.in_texels(DVec2::new(u, v) - middle) + 0.5 * DVec2::new(w, h) - 0.5
     }
 
     fn on(&self, bounds: &Parallelogram) -> Parallelogram {
-        let size = self.high - self.low;
+        let edges = self.edges();
+        let corner = 0.5 * (self.low + self.high) - 0.5 * (edges.x_axis + edges.y_axis);
+        let [ex, ey] = bounds.edges;
         Parallelogram {
-            corner: bounds.at(self.low.x, self.low.y),
-            edges: [bounds.edges[0] * size.x, bounds.edges[1] * size.y],
+            corner: bounds.at(corner.x, corner.y),
+            edges: [edges.x_axis, edges.y_axis].map(|d| ex * d.x + ey * d.y),
         }
     }
 }
@@ -95,7 +123,7 @@ pub struct Range {
 
 impl Range {
     /// The part of an occluder of this scale that is drawn, 0 to 1.
-    fn share(&self, scale: f64) -> f64 {
+    pub fn share(&self, scale: f64) -> f64 {
         let beyond = |bound: f64| ((scale / bound - 1.0) / SHARED + 0.5).clamp(0.0, 1.0);
         self.low.map_or(1.0, beyond) - self.high.map_or(0.0, beyond)
     }
@@ -107,10 +135,12 @@ impl Range {
     }
 }
 
-/// The scale of every fine texel of a window, in rows; not a number where it is lit.
+/// The hard shadow in a window.
 pub struct HardShadow {
-    scales: Vec<f32>,
-    range: Range,
+    /// The fine texels in shadow, by their number in rows, with their scales; tile by tile.
+    pub dark: Vec<(u32, f32)>,
+    /// The scales that are drawn.
+    pub range: Range,
     /// Fine texels along a side of a texel.
     fine: u32,
 }
@@ -123,6 +153,14 @@ pub struct Layer {
 
 /// Steps of the logarithm of the scale that parts are told apart by.
 const STEPS: usize = 512;
+
+/// The parts of a shadow.
+pub struct Parts {
+    /// The scale that stands for all of a part.
+    pub scales: Vec<f64>,
+    /// The part of each dark texel.
+    pub of: Vec<u32>,
+}
 
 impl HardShadow {
     /// Draws what casts with a scale in a range; what has one above `largest`, which only rounding and what
@@ -141,13 +179,9 @@ impl HardShadow {
     ) -> Result<Self> {
         let fine = window.fine;
         let [width, height] = window.size.map(|s| s * fine);
-        let mut scales = vec![f32::NAN; width as usize * height as usize];
+        let mut dark = Vec::new();
         let Some(view) = camera(eye, &window.on(&side.bounds), [width, height]) else {
-            return Ok(HardShadow {
-                scales,
-                range,
-                fine,
-            });
+            return Ok(HardShadow { dark, range, fine });
         };
         let points: Vec<_> = occluders.points.iter().map(|p| view.project(*p)).collect();
         let faces: Vec<[u32; 3]> = [&occluders.opaque, &occluders.closed]
@@ -168,25 +202,20 @@ impl HardShadow {
                     continue;
                 }
                 let (x, y) = (i as u32 % tile.width, i as u32 / tile.width);
-                let at = ((tile.y + y) * width + tile.x + x) as usize;
                 let scale = |inverse: f64| (inverse - 1.0).clamp(0.0, largest);
                 let mean = 0.5 * (scale(*near) + scale(*far));
                 if range.share(mean) > 0.0 {
-                    scales[at] = mean as f32;
+                    dark.push(((tile.y + y) * width + tile.x + x, mean as f32));
                 }
             }
         }
-        Ok(HardShadow {
-            scales,
-            range,
-            fine,
-        })
+        Ok(HardShadow { dark, range, fine })
     }
 
-    /// Splits the shadow until no part is off by more than `error`, or by what a texel can show.
-    pub fn layers(&self, error: f64, spread: &Spread, window: &Window) -> Vec<Layer> {
-        let half = (spread.half() / window.texel()).max_element();
-        let shadow = || self.scales.iter().copied().filter(|s| !s.is_nan());
+    /// Splits the shadow until no part is off by more than `error`, or by what a texel can show: the light's image at
+    /// scale 1 reaches `half` texels.
+    pub fn parts(&self, error: f64, half: f64) -> Parts {
+        let shadow = || self.dark.iter().map(|&(_, scale)| scale);
         let largest = f64::from(shadow().fold(0.0, f32::max));
         // What spreads less than this is sharp in any case.
         let least = (0.25 / half.max(1e-12)).min(largest);
@@ -195,14 +224,14 @@ impl HardShadow {
             let along = (f64::from(scale).max(least) / least).ln() / span;
             ((along * STEPS as f64) as usize).min(STEPS - 1)
         };
+        let steps: Vec<usize> = shadow().map(step_of).collect();
         let mut count = [0usize; STEPS];
         let mut sum = [0.0f64; STEPS];
-        for scale in shadow() {
-            let step = step_of(scale);
+        for (&step, scale) in steps.iter().zip(shadow()) {
             count[step] += 1;
             sum[step] += f64::from(scale);
         }
-        let mut of_step = [0usize; STEPS];
+        let mut of_step = [0u32; STEPS];
         let mut scales = Vec::new();
         let mut stack = vec![(0, STEPS)];
         while let Some((first, end)) = stack.pop() {
@@ -221,29 +250,40 @@ impl HardShadow {
                 continue;
             }
             let total: usize = count[low..=high].iter().sum();
-            of_step[low..=high].fill(scales.len());
+            of_step[low..=high].fill(scales.len() as u32);
             scales.push(sum[low..=high].iter().sum::<f64>() / total as f64);
         }
-        let mut layers: Vec<Layer> = scales
-            .into_iter()
-            .map(|scale| Layer {
-                texels: Vec::new(),
-                scale,
-            })
-            .collect();
+        let of = steps.into_iter().map(|step| of_step[step]).collect();
+        Parts { scales, of }
+    }
+
+    /// The parts of the shadow as pictures.
+    pub fn layers(&self, error: f64, spread: &Spread, window: &Window) -> Vec<Layer> {
+        let half = (spread.half() / window.texel()).max_element();
+        let parts = self.parts(error, half);
+        let layer = |&scale: &f64| Layer {
+            texels: Vec::new(),
+            scale,
+        };
+        let mut layers: Vec<Layer> = parts.scales.iter().map(layer).collect();
         let fine = self.fine as usize;
         let [width, height] = window.size.map(|s| s as usize);
+        // Which dark texel is where, in rows.
+        let mut number = vec![u32::MAX; width * height * fine * fine];
+        for (i, &(at, _)) in self.dark.iter().enumerate() {
+            number[at as usize] = i as u32;
+        }
         let part = 1.0 / (fine * fine) as f32;
         for y in 0..height {
             for x in 0..width {
                 let texel = (y * width + x) as u32;
                 for i in 0..fine * fine {
                     let (fx, fy) = (x * fine + i % fine, y * fine + i / fine);
-                    let scale = self.scales[fy * width * fine + fx];
-                    if scale.is_nan() {
+                    let i = number[fy * width * fine + fx] as usize;
+                    let Some(&(_, scale)) = self.dark.get(i) else {
                         continue;
-                    }
-                    let texels = &mut layers[of_step[step_of(scale)]].texels;
+                    };
+                    let texels = &mut layers[parts.of[i] as usize].texels;
                     let part = part * self.range.share(f64::from(scale)) as f32;
                     match texels.last_mut() {
                         Some((last, sum)) if *last == texel => *sum += part,
@@ -314,6 +354,7 @@ pub fn convolve(
         high: DVec2::ONE,
         size,
         fine: 1,
+        turned: false,
     };
     let texels = (0..).zip(picture).filter(|(_, part)| **part != 0.0);
     let layer = Layer {

@@ -14,6 +14,7 @@
 //!
 //! - [`layers`]: the hard shadow with depths, and its parts;
 //! - [`kernel`]: the light's image as weights of texels;
+//! - `gather`: what is hidden at single points, of polygons of few texels;
 //! - [`fourier`]: convolution by the fast Fourier transform (rustfft's scalar code, the same bits everywhere).
 //!
 //! Assumptions and failures: only what the light's centre sees casts, so light that gets past behind an
@@ -24,6 +25,7 @@
 //! and analytic spheres cannot be modelled.
 
 pub mod fourier;
+mod gather;
 pub mod kernel;
 pub mod layers;
 
@@ -31,6 +33,7 @@ use crate::scene::snapshot::Snapshot;
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
+use rayon::prelude::*;
 
 use crate::casters::Casters;
 use crate::control::Control;
@@ -39,10 +42,12 @@ use crate::light::Light;
 use crate::method::{Method, Prepared};
 use crate::textures::atlas::{Atlas, Key, Layout};
 use crate::textures::lookup::Contacts;
-use crate::textures::occluders::{Gatherer, Pyramid, Side};
+use crate::textures::occluders::{Gatherer, PatchOccluders, Pyramid, Side};
 use crate::textures::patches::Parallelogram;
 use crate::textures::pictures::{Painter, Pictures};
 use crate::textures::texture::Texture;
+use crate::textures::traced::Wanted;
+use gather::Gather;
 use kernel::Spread;
 use layers::{HardShadow, Range, Window};
 
@@ -58,6 +63,16 @@ const FINEST: u32 = 4096;
 
 /// Fewest texels along a side of a window.
 const SMALL_WINDOW: u32 = 64;
+
+/// Up to so many texels, those of a texture that pictures look up are found one by one.
+const FEW_TEXELS: u32 = 256;
+
+/// Texels along a side of the blocks in which they are found: those of a block share what casts on them and its hard
+/// shadow, and a texel has the same value whichever others are wanted.
+const BLOCK: u32 = 4;
+
+/// Texels along a side of the window around a block.
+const BLOCK_WINDOW: u32 = 40;
 
 /// How much wider than the texture its window may be, at the texture's resolution.
 const WIDER: u32 = 4;
@@ -124,56 +139,181 @@ impl Painter for Convolution {
         gatherer: &mut Gatherer,
         control: &Control,
     ) -> Result<Contacts> {
-        let side = atlas.side(key);
-        // What lies in a flat light's plane is behind it.
-        let light = &atlas.lights[key.light as usize].lifted();
-        let occluders = atlas.occluders(key, &side, gatherer);
+        let casting = Shadows::new(atlas, key, atlas.side(key), gatherer);
         let mut hidden = Vec::new();
-        let eye = eye(light, &side);
-        if let Some(eye) = eye.filter(|_| !occluders.points.is_empty()) {
-            let spread = Spread::new(light, &side, eye);
-            let highest = Pyramid::new(light, &side).highest(&occluders, &side);
-            let full = side.normal.dot(eye - side.bounds.corner);
-            // None, where what was found is beside the pyramid after all.
-            let largest = largest_scale(highest, full);
-            for range in octaves(largest, &spread)
-                .into_iter()
-                .filter(|_| highest > 0.0)
-            {
-                let window = window(&range, largest, &spread, texture.size);
-                let shadow =
-                    HardShadow::new(&occluders, &side, eye, &window, range, largest, control)?;
-                let layers = shadow.layers(self.error, &spread, &window);
-                hidden.push(layers::hidden(
-                    &layers,
-                    &spread,
-                    &window,
-                    texture.size,
-                    control,
-                )?);
-            }
-        }
+        casting.each_range(|range, largest, eye, spread| {
+            let window = window(&range, largest, spread, texture.size);
+            let shadow = casting.hard(eye, &window, range, largest, control)?;
+            let layers = shadow.layers(self.error, spread, &window);
+            let size = texture.size;
+            hidden.push(layers::hidden(&layers, spread, &window, size, control)?);
+            Ok(())
+        })?;
         for y in 0..texture.size[1] {
             for x in 0..texture.size[0] {
                 let [u, v] = [(x, 0), (y, 1)]
                     .map(|(i, k): (u32, usize)| (f64::from(i) + 0.5) / f64::from(texture.size[k]));
                 // None of a light below the receiver is seen.
-                let hidden = match eye {
+                let hidden = match casting.eye {
                     Some(_) => hidden.iter().map(|h| h.at(u, v)).sum::<f32>(),
                     None => 1.0,
                 };
                 texture.set(x as usize, y as usize, (1.0 - hidden).clamp(0.0, 1.0));
             }
         }
-        Ok(Contacts::new(
-            &side.bounds,
-            texture.size,
-            &occluders.contacts,
-        ))
+        let contacts = &casting.occluders.contacts;
+        Ok(Contacts::new(&casting.side.bounds, texture.size, contacts))
+    }
+
+    fn is_sparse(&self, atlas: &Atlas, key: Key, _: &mut Gatherer) -> bool {
+        let [width, height] = atlas.size(key.patch);
+        width * height <= FEW_TEXELS
+    }
+
+    fn find(
+        &self,
+        atlas: &Atlas,
+        _light: u32,
+        wanted: &[Wanted],
+        control: &Control,
+        done: &(dyn Fn(usize) + Sync),
+    ) -> Result<Vec<[f32; 2]>> {
+        let block = |i: usize| {
+            let (key, texel) = wanted[i];
+            (key, texel.map(|t| t / BLOCK))
+        };
+        let mut order: Vec<usize> = (0..wanted.len()).collect();
+        order.par_sort_unstable_by_key(|&i| (block(i), i));
+        let blocks: Vec<&[usize]> = order.chunk_by(|&i, &j| block(i) == block(j)).collect();
+        let found: Vec<Vec<f32>> = blocks
+            .par_iter()
+            .with_max_len(16)
+            .map_init(Gatherer::default, |gatherer, texels| {
+                control.check()?;
+                let (key, block) = block(texels[0]);
+                let places = texels.iter().map(|&i| wanted[i].1);
+                let found = self.texels(atlas, key, block, places, gatherer, control)?;
+                done(texels.len());
+                Ok(found)
+            })
+            .collect::<Result<_>>()?;
+        let mut out = vec![[0.0; 2]; wanted.len()];
+        for (&i, hidden) in order.iter().zip(found.into_iter().flatten()) {
+            out[i][0] = (1.0 - hidden).clamp(0.0, 1.0);
+        }
+        Ok(out)
     }
 
     fn knows_only_occluders(&self) -> bool {
         true
+    }
+}
+
+impl Convolution {
+    /// What is hidden at the centres of some of a block's texels.
+    fn texels(
+        &self,
+        atlas: &Atlas,
+        key: Key,
+        block: [u32; 2],
+        texels: impl Iterator<Item = [u32; 2]>,
+        gatherer: &mut Gatherer,
+        control: &Control,
+    ) -> Result<Vec<f32>> {
+        // The block is a polygon of its own.
+        let (all, whole) = (atlas.size(key.patch), atlas.side(key));
+        let size = all.map(|s| s.min(BLOCK));
+        let first = [0, 1].map(|k| block[k] * BLOCK);
+        let [u, v] = [0, 1].map(|k| f64::from(first[k]) / f64::from(all[k]));
+        let part = [0, 1].map(|k| f64::from(size[k]) / f64::from(all[k]));
+        let [ex, ey] = whole.bounds.edges;
+        let side = Side {
+            bounds: Parallelogram {
+                corner: whole.bounds.at(u, v),
+                edges: [ex * part[0], ey * part[1]],
+            },
+            ..whole
+        };
+        let casting = Shadows::new(atlas, key, side, gatherer);
+        let mut shadows = Vec::new();
+        casting.each_range(|range, largest, eye, spread| {
+            let window = block_window(&range, largest, spread, size);
+            let shadow = casting.hard(eye, &window, range, largest, control)?;
+            shadows.push(Gather::new(&shadow, self.error, spread, &window));
+            Ok(())
+        })?;
+        let hidden = |texel: [u32; 2]| {
+            let [u, v] =
+                [0, 1].map(|k| (f64::from(texel[k] - first[k]) + 0.5) / f64::from(size[k]));
+            match casting.eye {
+                Some(_) => shadows.iter().map(|s| s.at(u, v)).sum::<f32>(),
+                // None of a light below the receiver is seen.
+                None => 1.0,
+            }
+        };
+        Ok(texels.map(hidden).collect())
+    }
+}
+
+/// What casts hard shadows on a polygon from the light's middle.
+struct Shadows {
+    light: Light,
+    side: Side,
+    occluders: PatchOccluders,
+    eye: Option<DVec3>,
+}
+
+impl Shadows {
+    fn new(atlas: &Atlas, key: Key, side: Side, gatherer: &mut Gatherer) -> Self {
+        // What lies in a flat light's plane is behind it.
+        let light = atlas.lights[key.light as usize].lifted();
+        Shadows {
+            light,
+            side,
+            occluders: atlas.occluders(key, &side, gatherer),
+            eye: eye(&light, &side),
+        }
+    }
+
+    /// Calls `each(range, largest, eye, spread)` for the ranges of scales that are drawn in windows of their own.
+    fn each_range(
+        &self,
+        mut each: impl FnMut(Range, f64, DVec3, &Spread) -> Result<()>,
+    ) -> Result<()> {
+        let Some(eye) = self.eye.filter(|_| !self.occluders.points.is_empty()) else {
+            return Ok(());
+        };
+        let spread = Spread::new(&self.light, &self.side, eye);
+        let highest = Pyramid::new(&self.light, &self.side).highest(&self.occluders, &self.side);
+        // None, where what was found is beside the pyramid after all.
+        if highest <= 0.0 {
+            return Ok(());
+        }
+        let full = self.side.normal.dot(eye - self.side.bounds.corner);
+        let largest = largest_scale(highest, full);
+        let ranges = octaves(largest, &spread);
+        ranges
+            .into_iter()
+            .try_for_each(|range| each(range, largest, eye, &spread))
+    }
+
+    fn hard(
+        &self,
+        eye: DVec3,
+        window: &Window,
+        range: Range,
+        largest: f64,
+        control: &Control,
+    ) -> Result<HardShadow> {
+        HardShadow::new(
+            &self.occluders,
+            &self.side,
+            eye,
+            window,
+            range,
+            largest,
+            control,
+        )
     }
 }
 
@@ -246,13 +386,30 @@ fn octaves(largest: f64, spread: &Spread) -> Vec<Range> {
     out
 }
 
+/// How far the shadows of a range reach beyond a receiver.
+fn margin(range: &Range, largest: f64, spread: &Spread, size: [u32; 2]) -> DVec2 {
+    // A texel more for rounding.
+    let texel = DVec2::new(1.0 / f64::from(size[0]), 1.0 / f64::from(size[1]));
+    spread.half() * range.most(largest) + texel
+}
+
+/// The window around a block of texels that holds all shadows whose penumbrae reach it, drawn once and for all in
+/// texels that [`gather`] adds up.
+fn block_window(range: &Range, largest: f64, spread: &Spread, size: [u32; 2]) -> Window {
+    let margin = margin(range, largest, spread, size);
+    Window {
+        low: -margin,
+        high: DVec2::ONE + margin,
+        size: [BLOCK_WINDOW; 2],
+        fine: 1,
+        turned: true,
+    }
+}
+
 /// The window around a receiver that holds all shadows whose penumbrae reach it, of occluders with scales in a
 /// range. Its texels are as fine as the texture's, or as the narrowest of the penumbrae needs.
 fn window(range: &Range, largest: f64, spread: &Spread, size: [u32; 2]) -> Window {
-    let scale = range.most(largest);
-    // A texel more for rounding.
-    let texel = DVec2::new(1.0 / f64::from(size[0]), 1.0 / f64::from(size[1]));
-    let margin = spread.half() * scale + texel;
+    let margin = margin(range, largest, spread, size);
     let wanted = [0, 1].map(|k| {
         let narrowest = 2.0 * spread.half()[k] * range.low.unwrap_or(0.0);
         let texels = f64::from(size[k]).min(PENUMBRA / narrowest);
@@ -273,5 +430,6 @@ fn window(range: &Range, largest: f64, spread: &Spread, size: [u32; 2]) -> Windo
         fine: ((f64::from(FINE) * coarser).ceil() as u32)
             .min(FINEST / width.max(height))
             .clamp(1, FINE),
+        turned: false,
     }
 }
