@@ -10,7 +10,7 @@
 //! within its rounding error is taken from `robust::orient3d` instead: `T` has the sign of the origin
 //! over the triangle's plane, `D - T` that of the target under it.
 //!
-//! Lanes are segments that meet one triangle ([`triangle`]), or triangles that one segment meets
+//! Lanes are segments that meet one triangle (`triangle`), or triangles that one segment meets
 //! ([`super::any_hit`]): the same operations, and so the same answer.
 
 use fearless_simd::{f32x16, prelude::*};
