@@ -13,7 +13,6 @@ use softshadow::light::falloff::Falloff;
 use softshadow::method::{Method, Overlap};
 use softshadow::methods::accumulation::{Accumulation, Content};
 use softshadow::methods::convolution::Convolution;
-use softshadow::methods::counted::Counted;
 use softshadow::methods::filtered::deep::DeepShadow;
 use softshadow::methods::filtered::pcf::Pcf;
 use softshadow::methods::filtered::{Estimate, FilterSettings};
@@ -174,14 +173,6 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         ("hard", Box::new(Hard)),
         ("ray_traced", Box::new(ray_traced(true))),
         ("ray_traced, no culling", Box::new(ray_traced(false))),
-        (
-            "counted",
-            Box::new(Counted {
-                samples: 256,
-                rays: 64,
-                seed: 3,
-            }),
-        ),
         (
             "shadow_volume",
             Box::new(ShadowVolume {
