@@ -13,6 +13,7 @@ use softshadow::light::falloff::Falloff;
 use softshadow::method::{Method, Overlap};
 use softshadow::methods::accumulation::{Accumulation, Content};
 use softshadow::methods::convolution::Convolution;
+use softshadow::methods::counted::Counted;
 use softshadow::methods::filtered::deep::DeepShadow;
 use softshadow::methods::filtered::pcf::Pcf;
 use softshadow::methods::filtered::{Estimate, FilterSettings};
@@ -174,6 +175,14 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         ("ray_traced", Box::new(ray_traced(true))),
         ("ray_traced, no culling", Box::new(ray_traced(false))),
         (
+            "counted",
+            Box::new(Counted {
+                samples: 256,
+                rays: 64,
+                seed: 3,
+            }),
+        ),
+        (
             "shadow_volume",
             Box::new(ShadowVolume {
                 counting: Counting::ZPass,
@@ -310,6 +319,14 @@ const OPAQUE_SCENE: &[(&str, [u64; 3])] = &[
             0x413e_cef4_734b_abef,
             0x09b7_e91f_8fd7_2ba9,
             0x1492_dca1_c07e_1c5b,
+        ],
+    ),
+    (
+        "counted",
+        [
+            0x32af_3792_6d57_0b5f,
+            0xde65_ea32_7f4d_316d,
+            0x2e8c_117f_fe54_1ed4,
         ],
     ),
     (
