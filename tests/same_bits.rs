@@ -325,6 +325,14 @@ const OPAQUE_SCENE: &[(&str, [u64; 3])] = &[
         ],
     ),
     (
+        "counted",
+        [
+            0x32af_3792_6d57_0b5f,
+            0xde65_ea32_7f4d_316d,
+            0x2e8c_117f_fe54_1ed4,
+        ],
+    ),
+    (
         "shadow_volume",
         [
             0x13ce_2b9b_a9f8_c9f0,
