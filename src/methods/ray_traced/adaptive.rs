@@ -99,8 +99,13 @@ impl PreparedRayTraced {
     ) -> Result<Vec<Option<Estimate>>> {
         receivers.by_groups(control, None, Scratch::default, |scratch, range, out| {
             let first = range.start;
+            let steps: Vec<_> = range.filter_map(|i| Some((i, step(i)?))).collect();
+            if steps.is_empty() {
+                return Ok(());
+            }
             for (s, light) in light.iter().enumerate() {
-                let mut ids: Vec<usize> = range.clone().filter(|&i| step(i) == Some(s)).collect();
+                let its = steps.iter().filter(|(_, step)| *step == s);
+                let mut ids: Vec<usize> = its.map(|(i, _)| *i).collect();
                 if ids.is_empty() {
                     continue;
                 }
