@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -70,8 +69,10 @@ def tables(table: pd.DataFrame) -> str:
     found = times(good)
     columns = [f"{e:g}" for e in ERRORS]
     head = ["scene", "side", *(f"to {c}" for c in columns)]
-    lines = [[str(r["scene"]), str(r["side"]), *(shown(r[c]) for c in columns)]
-             for _, r in found.iterrows()]
+    lines = [
+        [str(r["scene"]), str(r["side"]), *(shown(r[c]) for c in columns)]
+        for _, r in found.iterrows()
+    ]
     parts = [facts(table), "### Seconds a frame to an error\n", markdown(head, lines)]
     for other in (str(s) for s in found["side"].unique() if str(s).startswith(MITSUBA)):
         its = ratios(found, other)
@@ -80,8 +81,10 @@ def tables(table: pd.DataFrame) -> str:
         parts += [
             f"### Times longer than ours: {other}\n",
             f"Geometric mean {mean:.2f}, least {least:.2f}.\n",
-            markdown(["scene", *columns], [[str(s), *map(shown, r)] for s, r in
-                                           zip(its.index, its.to_numpy(), strict=True)]),
+            markdown(
+                ["scene", *columns],
+                [[str(s), *map(shown, r)] for s, r in zip(its.index, its.to_numpy(), strict=True)],
+            ),
         ]
     return "\n".join(parts)
 
