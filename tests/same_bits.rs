@@ -127,7 +127,15 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         subtract: false,
         opaque: false,
     };
-    let layered = |kind| Box::new(Layered::new(kind, layers).unwrap());
+    let layered = |kind| {
+        // As users have it: one layer is the map alone.
+        let near = if kind == LayerKind::Single {
+            0.0
+        } else {
+            layers.near
+        };
+        Box::new(Layered::new(kind, layered::LayeredSettings { near, ..layers }).unwrap())
+    };
     let settings = FilterSettings {
         resolution: 96,
         layers: 8,

@@ -75,7 +75,7 @@ def test_contact_shadows_begin_at_the_contact():
     exact = _traced(setup)
     near = (exact.mesh_id == 0) & (np.linalg.norm(exact.position[..., :2], axis=-1) < 0.3)
     assert near.sum() > 100
-    # Up to 0.05 from the cylinder, all of it penumbra (measured: 0.0036 and 0.0034 at 1024): texels
+    # Up to 0.05 from the cylinder, all of it penumbra (measured: 0.0034 at 1024): texels
     # count, and then the levels that are coarser than them.
     rough, plain, fine = (
         _errors(setup, exact, near, ss.Mtsm(r, 5, detail=d))
