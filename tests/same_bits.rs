@@ -10,7 +10,7 @@ use softshadow::far;
 use softshadow::geometry::entry::Material;
 use softshadow::light::Light;
 use softshadow::light::falloff::Falloff;
-use softshadow::method::{Method, Overlap};
+use softshadow::method::{Irradiance, Method, Overlap};
 use softshadow::methods::accumulation::{Accumulation, Content};
 use softshadow::methods::convolution::Convolution;
 use softshadow::methods::counted::Counted;
@@ -301,7 +301,11 @@ fn results(method: &dyn Method, geometry: &Arc<Snapshot>) -> [u64; 3] {
         let shading = prepared.shade(&receivers, light, &control).unwrap();
         let mut out = 0xcbf2_9ce4_8422_2325;
         digest(&mut out, &shading.visibility);
-        digest(&mut out, shading.irradiance.as_deref().unwrap_or(&[]));
+        let irradiance = match &shading.irradiance {
+            Some(Irradiance::Whole(values) | Irradiance::Part(values)) => &values[..],
+            None => &[],
+        };
+        digest(&mut out, irradiance);
         out
     })
 }

@@ -29,7 +29,7 @@ pub fn steps(most: u32) -> Vec<u32> {
 /// come down to `wanted` with as few as may be; `None` where none can have more. Receivers are told by error, samples and
 /// whether they can grow; those without an error cannot.
 pub fn bound(receivers: impl Iterator<Item = (f32, u32, bool)>, wanted: f64) -> Option<f32> {
-    let last = (OCTAVES * BUCKETS_AN_OCTAVE) as usize - 1;
+    let last = OCTAVES * BUCKETS_AN_OCTAVE - 1;
     let mut growing = vec![0.0f64; last + 1];
     let mut fixed = 0.0;
     for (error, samples, grows) in receivers {

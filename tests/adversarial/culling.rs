@@ -9,7 +9,7 @@ use softshadow::light::Light;
 use softshadow::receivers::Receivers;
 use softshadow::scene::snapshot::Snapshot;
 
-use super::{OPAQUE, Random, bits, scene, shade, vec};
+use super::{OPAQUE, Random, bits, irradiance, scene, shade, vec};
 
 /// Receivers whose answer culling changes, and those in a penumbra.
 fn culling(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32) -> (usize, usize) {
@@ -17,8 +17,8 @@ fn culling(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32) -> (u
         let out = shade(geometry, light, at, n, cull);
         let penumbra = out.visibility.iter().filter(|v| **v > 0.0 && **v < 1.0);
         let penumbra = penumbra.count();
-        let irradiance = bits(&out.irradiance.unwrap());
-        let both: Vec<_> = bits(&out.visibility).into_iter().zip(irradiance).collect();
+        let light = bits(irradiance(&out));
+        let both: Vec<_> = bits(&out.visibility).into_iter().zip(light).collect();
         (both, penumbra)
     });
     let differ = with.0.iter().zip(&without.0).filter(|(a, b)| a != b);

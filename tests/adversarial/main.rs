@@ -12,7 +12,7 @@ use glam::DVec3;
 use softshadow::control::Control;
 use softshadow::geometry::entry::Material;
 use softshadow::light::Light;
-use softshadow::method::{Method, Shading};
+use softshadow::method::{Irradiance, Method, Shading};
 use softshadow::methods::ray_traced::RayTraced;
 use softshadow::receivers::Receivers;
 use softshadow::scene::Scene;
@@ -85,6 +85,14 @@ fn scene(meshes: &[Part], size: f64) -> Arc<Snapshot> {
         .add_mesh("frame", frame, &[[0, 1, 2]], NO_CASTER)
         .unwrap();
     scene.snapshot().unwrap()
+}
+
+/// The irradiance that a method weighted itself.
+fn irradiance(shading: &Shading) -> &[f32] {
+    match shading.irradiance.as_ref() {
+        Some(Irradiance::Whole(values)) => values,
+        other => panic!("{other:?}"),
+    }
 }
 
 fn shade(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32, cull: bool) -> Shading {

@@ -156,9 +156,11 @@ impl Edges {
             block.faces[lane] = faces;
             for side in 0..2 {
                 block.has[side] |= u16::from(faces[side] != EdgeFace::NONE) << lane;
-                for axis in 0..3 {
-                    block.ends[side][axis].0[lane] = ends[side][axis];
-                    block.normals[side][axis].0[lane] = edge.normals[side][axis];
+                let coordinates = ends[side].to_array().into_iter();
+                let normal = edge.normals[side].to_array();
+                for (axis, (end, normal)) in coordinates.zip(normal).enumerate() {
+                    block.ends[side][axis].0[lane] = end;
+                    block.normals[side][axis].0[lane] = normal;
                 }
             }
             if faces.contains(&EdgeFace::NONE) {

@@ -23,6 +23,7 @@ use std::ops::Range;
 use fearless_simd::{f32x16, i16x16, mask16x16, prelude::*};
 use glam::DVec3;
 
+use super::region::{Horizon, chord};
 use crate::sampling::square::Square;
 use crate::simd::{LANES, Lanes, Row};
 
@@ -486,60 +487,6 @@ fn column(x: f32, shift: f32, columns: usize) -> usize {
     (whole + usize::from(place > whole as f32)).min(columns)
 }
 
-/// Where rows `t - slope s` are inside of the disk in the unit square.
-#[inline(always)]
-fn chord<S: Simd>(t: f32x16<S>, slope: f32) -> [f32x16<S>; 2] {
-    // (2s - 1)² + (2(t - slope s) - 1)² = 1 for x = 2s - 1: x² + (c - slope x)² = 1 with c = 2t - 1 - slope.
-    let c = t * 2.0 - (1.0 + slope);
-    let a = 1.0 + slope * slope;
-    let root = a - c * c;
-    let (middle, half) = (c * (slope / a), root.greater(0.0).sqrt() * (1.0 / a));
-    let passes = root.gt(0.0);
-    [
-        (middle - half + 1.0).where_bits(passes, 2.0) * 0.5,
-        (middle + half + 1.0).where_bits(passes, 0.0) * 0.5,
-    ]
-}
-
-/// The height over the tangent plane of a row's points, `start + t side + s rise`.
-struct Horizon {
-    start: f32,
-    side: f32,
-    rise: f32,
-}
-
-impl Horizon {
-    fn new(square: &Square, normal: DVec3, slope: f32) -> Self {
-        let [start, along, side] =
-            [square.corner, square.sides[0], square.sides[1]].map(|v| normal.dot(v));
-        Horizon {
-            start: start as f32,
-            side: side as f32,
-            rise: (along - f64::from(slope) * side) as f32,
-        }
-    }
-
-    /// What of the rows between two ends is above the plane.
-    #[inline(always)]
-    fn cut<S: Simd>(
-        &self,
-        t: f32x16<S>,
-        low: f32x16<S>,
-        high: f32x16<S>,
-    ) -> (f32x16<S>, f32x16<S>) {
-        let start = t * self.side + self.start;
-        if self.rise == 0.0 {
-            return (low, high.where_bits(start.gt(0.0), low));
-        }
-        let at = start / -self.rise;
-        if self.rise > 0.0 {
-            (low.greater(at), high)
-        } else {
-            (low, high.lesser(at))
-        }
-    }
-}
-
 /// Sixteen rows' points in space.
 struct RowsOfPoints<S: Simd> {
     /// The first points' directions from the receiver, and how they change from column to column.
@@ -609,103 +556,4 @@ impl<S: Simd> RowsOfPoints<S> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::light::Light;
-    use crate::sampling::{Pattern, Sampler};
-    use crate::simd::detect;
-    use fearless_simd::dispatch;
-
-    /// Numbers between 0 and 1 without end.
-    fn numbers() -> impl FnMut() -> f32 {
-        let mut state = 1u32;
-        move || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        }
-    }
-
-    /// A light seen as a square or a disk, and counts of nothing.
-    fn grid(disk: bool, normal: Option<DVec3>) -> Grid {
-        let light = if disk {
-            Light::disk(DVec3::Z, DVec3::NEG_Z, 0.5, [1.0; 3])
-        } else {
-            Light::rect(DVec3::Z, DVec3::Y, DVec3::X, [1.0; 3])
-        };
-        let square = Sampler::new(light.unwrap(), Pattern::new(1, 0), false).square(DVec3::ZERO);
-        let mut grid = Grid::new(Layout::new(1024));
-        grid.shift([0x1234_5678, 0x9abc_def0]);
-        let chosen = dispatch!(detect(), simd => grid.choose(simd, &square, normal));
-        let (width, all) = (grid.layout.columns as f64, grid.layout.points() as f64);
-        let part = if disk {
-            std::f64::consts::FRAC_PI_4
-        } else {
-            1.0
-        };
-        if normal.is_none() {
-            // By a point or so a row at either end.
-            assert!(
-                (chosen as f64 - part * all).abs() < width,
-                "{chosen} of {all}"
-            );
-        }
-        grid
-    }
-
-    /// How many triangles cover a point, in f64.
-    fn cover(triangles: &[[[f32; 2]; 3]], [x, y]: [f64; 2]) -> i16 {
-        let left = |a: [f32; 2], b: [f32; 2]| {
-            let [ax, ay, bx, by] = [a[0], a[1], b[0], b[1]].map(f64::from);
-            (bx - ax) * (y - ay) > (by - ay) * (x - ax)
-        };
-        let inside = |t: &&[[f32; 2]; 3]| {
-            let sides = [0, 1, 2].map(|k| left(t[k], t[(k + 1) % 3]));
-            sides == [true; 3] || sides == [false; 3]
-        };
-        triangles.iter().filter(inside).count() as i16
-    }
-
-    #[test]
-    fn counts_are_those_of_triangles_one_by_one() {
-        let horizon = Some(DVec3::new(0.8, 0.2, 0.1).normalize());
-        for (disk, normal) in [
-            (false, None),
-            (true, None),
-            (false, horizon),
-            (true, horizon),
-        ] {
-            let mut grid = grid(disk, normal);
-            let mut number = numbers();
-            let mut corner = || [number() * 120.0 - 30.0, number() * 60.0 - 15.0];
-            let triangles: Vec<[[f32; 2]; 3]> =
-                (0..40).map(|_| [corner(), corner(), corner()]).collect();
-            for t in &triangles {
-                let [a, b, c] = t.map(|p| p.map(f64::from));
-                let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-                for k in 0..3 {
-                    grid.draw(t[k], t[(k + 1) % 3], if area > 0.0 { 1 } else { -1 });
-                }
-            }
-            dispatch!(detect(), simd => grid.count(simd));
-            let mut constant = None;
-            for row in 0..grid.layout.rows {
-                for column in 0..grid.layout.columns {
-                    let block = row / LANES * (grid.layout.columns + 1);
-                    let count = grid.changes[block + column].0[row % LANES];
-                    if count == NOWHERE {
-                        continue;
-                    }
-                    let x = column as f32 + grid.shifts[row / LANES].0[row % LANES];
-                    let covered = cover(&triangles, [f64::from(x), row as f64]);
-                    let difference = count - covered;
-                    assert_eq!(
-                        difference,
-                        *constant.get_or_insert(difference),
-                        "{row} {column}"
-                    );
-                }
-            }
-            assert!(constant.is_some());
-        }
-    }
-}
+mod tests;

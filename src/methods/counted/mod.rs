@@ -27,6 +27,7 @@
 mod edges;
 mod grid;
 mod project;
+mod region;
 
 use std::sync::Arc;
 
