@@ -337,6 +337,14 @@ const OPAQUE_SCENE: &[(&str, [u64; 3])] = &[
         ],
     ),
     (
+        "ray_traced, error",
+        [
+            0xa662_8432_ef7b_feb3,
+            0x6f88_69a1_4f91_3376,
+            0x6c81_20c7_46b8_b02b,
+        ],
+    ),
+    (
         "counted",
         [
             0x32af_3792_6d57_0b5f,
@@ -387,17 +395,17 @@ const OPAQUE_SCENE: &[(&str, [u64; 3])] = &[
     (
         "mlsm",
         [
-            0x5657_e5c6_2b5d_d755,
-            0x6522_dc4c_fc6a_b894,
-            0x186d_2ac2_7b3c_2fd8,
+            0xdc0a_d45b_1fea_4d12,
+            0x8c64_8618_7cfe_a51a,
+            0xd495_c835_afd9_ff97,
         ],
     ),
     (
         "mtsm",
         [
-            0x5657_e5c6_2b5d_d755,
-            0x6522_dc4c_fc6a_b894,
-            0x186d_2ac2_7b3c_2fd8,
+            0xdc0a_d45b_1fea_4d12,
+            0x8c64_8618_7cfe_a51a,
+            0xd495_c835_afd9_ff97,
         ],
     ),
     (
@@ -462,9 +470,9 @@ const TRANSPARENT_SCENE: &[(&str, [u64; 3])] = &[
     (
         "mtsm",
         [
-            0xf7b2_ee9f_a71b_7bd9,
-            0x0de2_2ec5_7553_3c58,
-            0xe664_2def_0df0_7791,
+            0x1c81_5575_3892_a41a,
+            0x5be5_723e_dc70_722d,
+            0x91c2_338c_b706_f947,
         ],
     ),
     (

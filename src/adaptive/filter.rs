@@ -1,6 +1,6 @@
 //! What the samples of neighbours on the same surface tell together.
 //!
-//! Around each pixel, windows of up to [`REACH`] pixels to every side grow while the mean over the larger one is what the
+//! Around each pixel, windows of up to three pixels to every side grow while the mean over the larger one is what the
 //! smaller ones let expect (the intersection of confidence intervals of Goldenshluger and Nemirovski 1997): over a
 //! smooth penumbra they grow to the full size, at the edge of a hard shadow not at all. Only neighbours of the same entry of
 //! the scene count, near the receiver's tangent plane and turned alike, and each only together with the one
@@ -234,7 +234,7 @@ struct Tile {
     entry: [u32; WIDE * WIDE],
     position: [[f32; WIDE * WIDE]; 3],
     normal: [[f32; WIDE * WIDE]; 3],
-    /// What windows add up, see [`Sums`].
+    /// What windows add up, a table each.
     values: [[f32; WIDE * WIDE]; SUMS],
     /// Visibility, part of the irradiance and squared error of the block's pixels.
     found: [[f32; SIDE * SIDE]; 3],

@@ -35,7 +35,7 @@ pub struct Window {
     pub size: [u32; 2],
     /// The hard shadow has so many finer texels along a side of each.
     pub fine: u32,
-    /// Whether its rows are turned against the receiver's edges ([`TURN`]), around the same middle, and longer, so
+    /// Whether its rows are turned against the receiver's edges (`TURN`), around the same middle, and longer, so
     /// that it holds all that lies between both ends.
     pub turned: bool,
 }

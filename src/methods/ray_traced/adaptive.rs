@@ -79,11 +79,8 @@ impl PreparedRayTraced {
             }
             for ((e, grown), more) in estimates.iter_mut().zip(&mut grown).zip(&more) {
                 *grown = more.is_some();
-                match more {
-                    // More samples pay for more edges, of which there may be none before the light.
-                    Some(more) if more.is_exact() => *e = *more,
-                    Some(more) => e.add(more),
-                    None => {}
+                if let Some(more) = more {
+                    e.add(more);
                 }
             }
         }
@@ -110,46 +107,67 @@ impl PreparedRayTraced {
                     continue;
                 }
                 let mut put = |i: usize, answer: Answer| {
-                    out[i - first] = Some(estimate(&answer, receivers, i, &light.sampler));
+                    let mut found = estimate(&answer, light.sampler.len());
+                    if s == 0 {
+                        settle(&mut found, &answer, receivers, i, &light.sampler);
+                    }
+                    out[i - first] = Some(found);
                 };
-                self.shade_group(receivers, &mut ids, light, scratch, &mut put);
+                if s == 0 && light.cull {
+                    self.shade_neighbours(receivers, &mut ids, light, scratch, &mut put);
+                } else {
+                    self.shade_group(receivers, &mut ids, light, scratch, &mut put);
+                }
             }
             Ok(())
         })
     }
 }
 
-/// What the answer of receiver `i` tells.
-fn estimate(answer: &Answer, receivers: &Receivers, i: usize, sampler: &Sampler) -> Estimate {
+/// What an answer by so many samples tells.
+fn estimate(answer: &Answer, samples: usize) -> Estimate {
     let Sums {
         both: [seen, irradiance],
         early,
         unshadowed,
     } = answer.sums;
-    let mut found = Estimate {
+    let (half, all) = ((samples / 2) as f32, samples as f32);
+    let late = (seen * all - early * half) / (all - half);
+    Estimate {
         seen,
+        // One sample tells nothing of its own spread.
+        variance: if half == 0.0 {
+            0.25
+        } else {
+            0.25 * (late - early).powi(2)
+        },
         irradiance,
         unshadowed,
-        ..Estimate::default()
-    };
-    let dark = unshadowed == 0.0;
-    if dark || answer.whole {
-        let above = sampler
-            .light()
-            .fraction_above(receivers.positions[i], receivers.normals[i]);
-        if answer.whole || above == 0.0 {
-            found.seen = found.part() * above as f32;
-            return found;
-        }
+        samples: samples as u32,
     }
-    found.samples = sampler.len() as u32;
-    let (half, all) = ((found.samples / 2) as f32, found.samples as f32);
-    found.variance = if half == 0.0 {
-        // What one sample tells of its own spread.
-        0.25
-    } else {
-        let late = (seen * all - early * half) / (all - half);
-        0.25 * (late - early).powi(2)
-    };
-    found
+}
+
+/// Makes an estimate of receiver `i` exact where its first samples say that all of the light is seen alike. Only
+/// those are asked, before which edges are always searched for: of later samples a search may be left out, by
+/// which thread does what, and that must not show.
+fn settle(
+    found: &mut Estimate,
+    answer: &Answer,
+    receivers: &Receivers,
+    i: usize,
+    sampler: &Sampler,
+) {
+    if found.unshadowed > 0.0 && !answer.whole {
+        return;
+    }
+    let light = sampler.light();
+    let above = light.fraction_above(receivers.positions[i], receivers.normals[i]);
+    if answer.whole || above == 0.0 {
+        *found = Estimate {
+            seen: found.part() * above as f32,
+            variance: 0.0,
+            samples: 0,
+            ..*found
+        };
+    }
 }
