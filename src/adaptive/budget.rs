@@ -55,3 +55,36 @@ pub fn bound(receivers: impl Iterator<Item = (f32, u32, bool)>, wanted: f64) -> 
         .unwrap_or(smallest);
     Some((-((bound + 1) as f32) / BUCKETS_AN_OCTAVE as f32).exp2())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn those_with_the_largest_errors_grow_and_no_others() {
+        let small = std::iter::repeat_n((1e-6, 4, true), 99);
+        let receivers = || small.clone().chain([(1e-2, 4, true)]);
+        // A quarter of the large error and all of the small ones are less than is wanted.
+        let found = bound(receivers(), 3e-3).unwrap();
+        assert!((1e-6 / 4.0..=1e-2 / 4.0).contains(&found), "{found}");
+        // Nothing is enough.
+        let found = bound(receivers(), 0.0).unwrap();
+        assert!(found <= 1e-6 / 4.0, "{found}");
+    }
+
+    #[test]
+    fn nobody_grows_who_cannot_or_need_not() {
+        assert_eq!(
+            bound([(1e-2, 256, false), (0.0, 4, true)].into_iter(), 0.0),
+            None
+        );
+        assert_eq!(bound(std::iter::empty(), 1.0), None);
+    }
+
+    #[test]
+    fn steps_end_at_the_most_samples() {
+        assert_eq!(steps(1), [1]);
+        assert_eq!(steps(4), [4]);
+        assert_eq!(steps(100), [4, 16, 64, 100]);
+    }
+}
