@@ -98,7 +98,7 @@ def test_a_thin_wire_keeps_its_shadow():
     assert reference.visibility.min() < 0.7
     assert _rms(image, reference) < 0.0125  # measured 0.0114
     below = reference.visibility < 0.9
-    # What windows take from a line of a pixel or two, which four samples hardly show: measured 0.039.
+    # What windows take from a line that four samples hardly show: measured 0.039.
     off = (image.visibility - reference.visibility)[below]
     assert 0 < off.mean() < 0.05
 
