@@ -4,22 +4,11 @@ use glam::{DVec3, Vec3};
 
 use super::masks::{Axis, BLOCK, Mask};
 use super::near::Near;
-use super::pencil::{Pencil, SampleVisibility, Tracing};
+use super::pencil::{Pencil, Place, Receiver, SampleVisibility, Tracing};
 use super::tracing::{Stack, trace};
 use crate::maps::layers::map::LayerMap;
 use crate::sampling::{LightSamples, Sampler};
 use crate::simd::{LANES, Row};
-
-/// A receiver.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Receiver {
-    /// Its place, local.
-    pub(super) p: DVec3,
-    /// Its normal; zero without a tangent plane.
-    pub(super) n: DVec3,
-    /// Where segments against triangles begin: moved off its surface.
-    pub(super) origin: Vec3,
-}
 
 /// The samples of a flat light in a map that is drawn along its normal: they are the same for all receivers.
 pub(super) struct FlatTargets {
@@ -106,7 +95,12 @@ impl Look<'_> {
         let (map, how) = (self.map, self.tracing);
         if let Some(near) = self.near {
             pencil.near = near.depth(&pencil);
-            near.hide(self, &pencil, points, seen, nodes);
+            let place = Place {
+                map: self.map,
+                tracing: self.tracing,
+                receiver: self.receiver,
+            };
+            near.hide(place, &pencil, points, seen, nodes);
         }
         trace(map, how, &pencil, seen, stack);
     }

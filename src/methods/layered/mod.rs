@@ -49,10 +49,10 @@ use crate::receivers::Receivers;
 use crate::sampling::MOST_SAMPLES;
 use crate::sampling::{Pattern, Sampler};
 use given::Given;
-use look::{FlatTargets, Look, Receiver, Scratch, tangent_plane};
+use look::{FlatTargets, Look, Scratch, tangent_plane};
 use masks::{BLOCK, Mask, spread};
 use near::Near;
-use pencil::{Pencil, SampleVisibility, Tracing};
+use pencil::{Pencil, Receiver, SampleVisibility, Tracing};
 
 /// Nearest surfaces for each layer, of which the layers are chosen: with more, on fur, those that are left are too
 /// few to close the nearest strands.

@@ -20,9 +20,8 @@ use std::sync::Arc;
 use fearless_simd::{dispatch, prelude::*};
 use glam::{DVec3, Vec3};
 
-use super::look::Look;
 use super::masks::{Axis, BINS, BLOCK, Mask};
-use super::pencil::{Bands, Pencil, SampleVisibility, Tracing};
+use super::pencil::{Bands, Pencil, Place, SampleVisibility, Tracing};
 use crate::bvh::TriangleBvh;
 use crate::bvh::packet::plane_side;
 use crate::bvh::pyramid::{PLANES, Pyramid, Search};
@@ -85,14 +84,14 @@ impl Near {
     /// something is in the pencil of an unknown light.
     pub(super) fn hide(
         &self,
-        look: &Look<'_>,
+        place: Place<'_>,
         pencil: &Pencil<'_>,
         points: [&[Row]; 3],
         seen: &mut SampleVisibility,
         stack: &mut Vec<u32>,
     ) {
         if pencil.near > 0.0 {
-            let walk = NearWalk::new(self, look, pencil, points);
+            let walk = NearWalk::new(self, place, pencil, points);
             dispatch!(detect(), simd => walk.all(simd, seen, stack));
         }
     }
@@ -172,13 +171,12 @@ struct NearWalk<'a> {
 }
 
 impl<'a> NearWalk<'a> {
-    fn new(near: &'a Near, look: &Look<'a>, pencil: &Pencil<'a>, points: [&'a [Row]; 3]) -> Self {
-        let Look {
+    fn new(near: &'a Near, place: Place<'a>, pencil: &Pencil<'a>, points: [&'a [Row]; 3]) -> Self {
+        let Place {
             map,
             tracing: how,
             receiver,
-            ..
-        } = *look;
+        } = place;
         let (view, start) = (&map.view, pencil.start);
         let rotation = view.camera.rotation;
         let [right, down, forward] = [0, 1, 2].map(|i| rotation.row(i));

@@ -2,11 +2,30 @@
 //! seen.
 
 use fearless_simd::{f32x16, prelude::*};
-use glam::{DVec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 
 use super::masks::{Axis, BINS, Mask};
 use crate::maps::layers::map::LayerMap;
 use crate::simd::{LANES, Lanes, Row, join};
+
+/// A receiver.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Receiver {
+    /// Its place, local.
+    pub(super) p: DVec3,
+    /// Its normal; zero without a tangent plane.
+    pub(super) n: DVec3,
+    /// Where segments against triangles begin: moved off its surface.
+    pub(super) origin: Vec3,
+}
+
+/// A receiver before a map.
+#[derive(Clone, Copy)]
+pub(super) struct Place<'a> {
+    pub(super) map: &'a LayerMap,
+    pub(super) tracing: &'a Tracing,
+    pub(super) receiver: &'a Receiver,
+}
 
 /// Relative rounding of the receiver's and the pieces' coordinates: some ulps of an `f32`.
 pub(super) const ROUNDING: f32 = 8.0 * f32::EPSILON;
