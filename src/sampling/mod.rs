@@ -24,12 +24,14 @@
 //! - `shared`: the light points of a region of receivers, [`SharedPoint`];
 //! - [`square`]: where in space the square of a [`LightProjection`] lies;
 //! - [`tracing`]: segments from receivers to light points against what casts;
+//! - [`shaft`]: what lies between a group of receivers and the light;
 //! - `cells`: the grid of cells over the light's outline, as in a [`LightProjection`].
 
 mod cells;
 mod fill;
 mod pattern;
 mod samples;
+pub mod shaft;
 mod shapes;
 mod shared;
 pub mod square;

@@ -4,8 +4,9 @@ use glam::{DVec3, Vec3};
 
 use crate::bvh::TriangleBvh;
 use crate::bvh::edge_faces::EdgeFace;
-use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
+use crate::bvh::outline::{EdgePlanes, Shaft};
 use crate::light::Light;
+use crate::sampling::shaft::{GroupShaft, Middle};
 use crate::sampling::{LightProjection, Sampler};
 use crate::scene::snapshot::Snapshot;
 use crate::simd::{LANES, Row};
@@ -18,13 +19,6 @@ const MOST_EDGES: usize = 4000;
 /// What an edge of one triangle costs, over one of two: it is a silhouette for every receiver, those on a scan are for
 /// few. Foliage and hair are full of them.
 const LONE: usize = 4;
-
-/// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
-/// light's own width.
-const WIDE: f32 = 0.1;
-
-/// A group of so few receivers is not halved any more.
-const FEWEST: usize = 4;
 
 /// Sixteen edges, lane by lane.
 #[derive(Debug, Clone)]
@@ -54,8 +48,8 @@ impl Default for Block {
 pub(super) enum Found {
     /// All edges that matter are known.
     All,
-    /// There are too many; halving the receivers at this coordinate of this axis may help.
-    Split(usize, f64),
+    /// There are too many; halving the receivers here may help.
+    Split(Middle),
     /// Rays must answer.
     ByRays,
 }
@@ -88,19 +82,10 @@ impl Edges {
         origins: &[Vec3],
     ) -> Found {
         self.count = 0;
-        self.views.clear();
-        self.views
-            .extend(origins.iter().map(|o| sampler.view(o.as_dvec3())));
-        // Receivers that the light does not face have no say in the shaft.
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for (_, &o) in self.views.iter().zip(origins).filter(|(v, _)| v.is_some()) {
-            (low, high) = (low.min(o), high.max(o));
-        }
-        if low.x > high.x {
+        let Some(group) = GroupShaft::new(sampler, origins, &mut self.views) else {
             return Found::ByRays;
-        }
-        let light = padded_bounds(sampler.light());
-        let shaft = Shaft::new((low, high), light);
+        };
+        let shaft = &group.shaft;
         let occluders = geometry.occluders();
         let transparent = occluders.transparent.as_ref().map(|(bvh, _)| &bvh.tree);
         let spheres = occluders.spheres.as_ref().map(|s| &s.tree);
@@ -111,18 +96,10 @@ impl Edges {
         {
             return Found::ByRays;
         }
-        if self.collect_from(&occluders.opaque, geometry, &shaft, sampler.light()) {
+        if self.collect_from(&occluders.opaque, geometry, shaft, sampler.light()) {
             return Found::All;
         }
-        // Halving the receivers narrows the shaft only where they are spread wide next to the light,
-        // as over the step from an outline to what lies behind it.
-        let spread = high - low;
-        let axis = spread.max_position();
-        let wide = spread[axis] > WIDE * (light.1 - light.0).max_element();
-        if wide && origins.len() > FEWEST {
-            return Found::Split(axis, f64::from(0.5 * (low[axis] + high[axis])));
-        }
-        Found::ByRays
+        group.middle().map_or(Found::ByRays, Found::Split)
     }
 
     fn collect_from(

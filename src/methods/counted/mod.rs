@@ -40,6 +40,7 @@ use crate::error::{Result, in_range};
 use crate::light::Light;
 use crate::method::{Irradiance, Method, Prepared, Shading};
 use crate::receivers::Receivers;
+use crate::sampling::shaft::halves;
 use crate::sampling::square::Square;
 use crate::sampling::tracing::Tracer;
 use crate::sampling::{GRID, LightProjection, LightSamples, MOST_SAMPLES, Pattern, Sampler};
@@ -225,25 +226,19 @@ impl PreparedCounted {
             Found::ByRays
         };
         match found {
-            Found::All => self.count_each(receivers, ids, light, s, put),
-            Found::ByRays => {
-                for (k, &i) in ids.iter().enumerate() {
-                    put(i, self.by_rays(receivers, i, k, light, s));
-                }
-            }
-            Found::Split(axis, middle) => {
-                let key = |&i: &usize| receivers.positions[i][axis] < middle;
-                ids.sort_by_key(key);
-                let (low, high) = ids.split_at_mut(ids.partition_point(|i| !key(i)));
-                if low.is_empty() || high.is_empty() {
-                    for (k, &i) in ids.iter().enumerate() {
-                        put(i, self.by_rays(receivers, i, k, light, s));
+            Found::All => return self.count_each(receivers, ids, light, s, put),
+            Found::Split(middle) => {
+                if let Some(both) = halves(receivers, ids, middle) {
+                    for half in both {
+                        self.answer(receivers, half, light, s, put);
                     }
                     return;
                 }
-                self.answer(receivers, low, light, s, put);
-                self.answer(receivers, high, light, s, put);
             }
+            Found::ByRays => {}
+        }
+        for (k, &i) in ids.iter().enumerate() {
+            put(i, self.by_rays(receivers, i, k, light, s));
         }
     }
 

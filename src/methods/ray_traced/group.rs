@@ -9,25 +9,19 @@ use super::grid::Cells;
 use super::project::{Images, Viewers};
 use super::{EDGES_A_SAMPLE, MOST_EDGES};
 use crate::bvh::TriangleBvh;
-use crate::bvh::outline::{EdgePlanes, Shaft, padded_bounds};
+use crate::bvh::outline::{EdgePlanes, Shaft};
 use crate::geometry::Geometry;
+use crate::sampling::shaft::{GroupShaft, Middle};
 use crate::sampling::{GRID, LightProjection, Sampler};
 use crate::scene::snapshot::Snapshot;
-
-/// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
-/// light's own width.
-const WIDE: f32 = 0.1;
-
-/// A group of so few receivers is not halved any more.
-const FEWEST: usize = 4;
 
 /// What became of a search for edges.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum SearchResult {
     /// All edges that matter are known.
     All,
-    /// There are too many; halving the receivers at this coordinate of this axis may help.
-    Split(usize, f64),
+    /// There are too many; halving the receivers here may help.
+    Split(Middle),
     /// There are too many, and halving the receivers would not help.
     TooMany,
     /// Culling does not apply here.
@@ -94,24 +88,10 @@ impl Group {
         origins: &[Vec3],
     ) -> SearchResult {
         self.edges.clear();
-        self.views.clear();
-        self.views
-            .extend(origins.iter().map(|o| sampler.view(o.as_dvec3())));
-        // Receivers that the light does not face have no say in the shaft.
-        let facing = || {
-            self.views
-                .iter()
-                .zip(origins)
-                .filter(|(v, _)| v.is_some())
-                .map(|(_, o)| *o)
-        };
-        let low = facing().fold(Vec3::INFINITY, Vec3::min);
-        let high = facing().fold(Vec3::NEG_INFINITY, Vec3::max);
-        if low.x > high.x {
+        let Some(group) = GroupShaft::new(sampler, origins, &mut self.views) else {
             return SearchResult::NotHere;
-        }
-        let light = padded_bounds(sampler.light());
-        let shaft = Shaft::new((low, high), light);
+        };
+        let shaft = &group.shaft;
         let occluders = geometry.occluders();
         let spheres = occluders.spheres.as_ref();
         if spheres.is_some_and(|s| s.tree.any_leaf(|node| shaft.meets(node))) {
@@ -122,22 +102,15 @@ impl Group {
         let found = [Some(&occluders.opaque), transparent]
             .into_iter()
             .flatten()
-            .all(|bvh| self.collect_from(geometry, bvh, &shaft, most));
+            .all(|bvh| self.collect_from(geometry, bvh, shaft, most));
         if found {
             self.viewers.set(&self.views, origins);
             self.viewers.project(&self.edges, &mut self.images);
             return SearchResult::All;
         }
-        // Halving the receivers narrows the shaft only where they are spread wide next to the light,
-        // as over the step from an outline to what lies behind it.
-        let spread = high - low;
-        let axis = spread.max_position();
-        let wide = spread[axis] > WIDE * (light.1 - light.0).max_element();
-        if wide && origins.len() > FEWEST {
-            let middle = 0.5 * (low[axis] + high[axis]);
-            return SearchResult::Split(axis, f64::from(middle));
-        }
-        SearchResult::TooMany
+        group
+            .middle()
+            .map_or(SearchResult::TooMany, SearchResult::Split)
     }
 
     /// Adds the edges of one hierarchy; false where there would be more than `most` in all.

@@ -39,6 +39,7 @@ use crate::error::{Error, Result, in_range};
 use crate::light::Light;
 use crate::method::{Irradiance, Method, Prepared, Shading};
 use crate::receivers::Receivers;
+use crate::sampling::shaft::halves;
 use crate::sampling::tracing::{Sums, Tracer, bits};
 use crate::sampling::{GRID, LightSamples, Pattern, Sampler};
 use crate::simd::{LANES, Row};
@@ -263,14 +264,11 @@ impl PreparedRayTraced {
     ) -> bool {
         s.set_origins(receivers, ids);
         let found = s.group.collect(&self.geometry, &light.sampler, &s.origins);
-        if let SearchResult::Split(axis, middle) = found {
-            let key = |&i: &usize| receivers.positions[i][axis] < middle;
-            ids.sort_by_key(key);
-            let (low, high) = ids.split_at_mut(ids.partition_point(|i| !key(i)));
-            if !low.is_empty() && !high.is_empty() {
-                let one = self.shade_neighbours(receivers, low, light, s, put);
-                return self.shade_neighbours(receivers, high, light, s, put) || one;
-            }
+        if let SearchResult::Split(middle) = found
+            && let Some([low, high]) = halves(receivers, ids, middle)
+        {
+            let one = self.shade_neighbours(receivers, low, light, s, put);
+            return self.shade_neighbours(receivers, high, light, s, put) || one;
         }
         let known = found == SearchResult::All;
         self.shade_each(receivers, ids, light, known, s, put);
