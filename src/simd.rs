@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 
 pub use fearless_simd::Level;
 use fearless_simd::{f32x4, f32x16, f64x8, prelude::*};
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 
 /// Lanes in a vector.
 pub const LANES: usize = 16;
@@ -91,6 +91,28 @@ pub fn detect() -> Level {
     // Kept by itself: kernels ask once a packet, and this is all that they wait for.
     static LEVEL: OnceLock<Level> = OnceLock::new();
     *LEVEL.get_or_init(|| chosen().map_or_else(|_| Level::new(), |(_, level)| level))
+}
+
+/// A vector, the same in all lanes.
+#[inline(always)]
+pub(crate) fn splat_vector<S: Simd>(simd: S, v: Vec3) -> [f32x16<S>; 3] {
+    [
+        f32x16::splat(simd, v.x),
+        f32x16::splat(simd, v.y),
+        f32x16::splat(simd, v.z),
+    ]
+}
+
+/// A vector for each lane, from its coordinates.
+#[inline(always)]
+pub(crate) fn load_vector<S: Simd>(simd: S, rows: &[Row; 3]) -> [f32x16<S>; 3] {
+    [rows[0].load(simd), rows[1].load(simd), rows[2].load(simd)]
+}
+
+/// Scalar products, lane by lane.
+#[inline(always)]
+pub(crate) fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Comparisons as one bit a lane, and the smaller and larger value with the same bits on every machine:

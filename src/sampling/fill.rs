@@ -5,7 +5,7 @@ use glam::Vec3;
 
 use super::shapes::{Cap, Flat};
 use super::{LightSamples, Pattern};
-use crate::simd::{LANES, Lanes, Row};
+use crate::simd::{LANES, Lanes, Row, dot, splat_vector};
 
 /// Row `r` of the scrambled pattern, in [-1, 1]², or mapped onto the unit disk.
 #[inline(always)]
@@ -26,20 +26,6 @@ pub(super) fn coordinates(
         }
     }
     (x, y)
-}
-
-#[inline(always)]
-fn splat<S: Simd>(simd: S, v: Vec3) -> [f32x16<S>; 3] {
-    [
-        f32x16::splat(simd, v.x),
-        f32x16::splat(simd, v.y),
-        f32x16::splat(simd, v.z),
-    ]
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `c + u x + v y`
@@ -87,12 +73,12 @@ pub(super) fn fill_flat<S: Simd>(
     out: &mut LightSamples,
 ) {
     let has_normal = n != Vec3::ZERO;
-    let c = splat(simd, flat.center.as_vec3());
-    let u = splat(simd, flat.u.as_vec3());
-    let v = splat(simd, flat.v.as_vec3());
-    let m = splat(simd, flat.normal.as_vec3());
-    let p = splat(simd, p);
-    let n = splat(simd, n);
+    let c = splat_vector(simd, flat.center.as_vec3());
+    let u = splat_vector(simd, flat.u.as_vec3());
+    let v = splat_vector(simd, flat.v.as_vec3());
+    let m = splat_vector(simd, flat.normal.as_vec3());
+    let p = splat_vector(simd, p);
+    let n = splat_vector(simd, n);
     let zero = f32x16::splat(simd, 0.0);
     let scale = f32x16::splat(simd, (flat.area / pattern.len() as f64) as f32);
     for r in 0..out.valid.len() {
@@ -127,11 +113,11 @@ pub(super) fn fill_cap<S: Simd>(
     out: &mut LightSamples,
 ) {
     let has_normal = n != Vec3::ZERO;
-    let axis = splat(simd, cap.axis.as_vec3());
-    let e1 = splat(simd, cap.e1.as_vec3());
-    let e2 = splat(simd, cap.e2.as_vec3());
-    let p = splat(simd, p);
-    let n = splat(simd, n);
+    let axis = splat_vector(simd, cap.axis.as_vec3());
+    let e1 = splat_vector(simd, cap.e1.as_vec3());
+    let e2 = splat_vector(simd, cap.e2.as_vec3());
+    let p = splat_vector(simd, p);
+    let n = splat_vector(simd, n);
     let (zero, one, two) = (
         f32x16::splat(simd, 0.0),
         f32x16::splat(simd, 1.0),

@@ -8,10 +8,10 @@
 //! points. Sums go in the order of the light points' sequence.
 
 use fearless_simd::{f32x16, prelude::*};
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::light::{Light, SphereLight};
-use crate::simd::{Lanes, Row};
+use crate::simd::{Lanes, dot};
 
 /// How light points count.
 #[derive(Clone, Copy, PartialEq)]
@@ -161,23 +161,4 @@ fn solid_angle(light: &Light, p: DVec3) -> f64 {
     let sin = (radius / (center - p).length()).min(1.0);
     let cos = ((1.0 - sin) * (1.0 + sin)).sqrt();
     std::f64::consts::TAU * sin * sin / (1.0 + cos)
-}
-
-#[inline(always)]
-pub(super) fn splat<S: Simd>(simd: S, v: Vec3) -> [f32x16<S>; 3] {
-    [
-        f32x16::splat(simd, v.x),
-        f32x16::splat(simd, v.y),
-        f32x16::splat(simd, v.z),
-    ]
-}
-
-#[inline(always)]
-pub(super) fn load<S: Simd>(simd: S, rows: &[Row; 3]) -> [f32x16<S>; 3] {
-    [rows[0].load(simd), rows[1].load(simd), rows[2].load(simd)]
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

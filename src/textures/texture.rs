@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::occluders::{PatchOccluders, Side};
 use super::patches::Parallelogram;
-use super::sums::{self, Beams, LaneSums, Texels, Weighting, load, splat};
+use super::sums::{self, Beams, LaneSums, Texels, Weighting};
 use super::transform::camera;
 use crate::camera::Camera;
 use crate::control::Control;
@@ -25,7 +25,7 @@ use crate::error::Result;
 use crate::light::Light;
 use crate::raster::coverage::{Bitmap, Projected, cover, cover_facing};
 use crate::sampling::{Pattern, Sampler, SharedPoint};
-use crate::simd::{LANES, Row, detect};
+use crate::simd::{LANES, Row, detect, load_vector, splat_vector};
 
 /// Most light points drawn at once: their bitmaps are kept until the texels add them up.
 const BATCH: usize = 64;
@@ -367,7 +367,7 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
     let [width, height] = grid.size;
     let v = (y as f64 + 0.5) / f64::from(height);
     let one = f32x16::splat(simd, 1.0);
-    let minus_normal = splat(simd, -grid.normal);
+    let minus_normal = splat_vector(simd, -grid.normal);
     for block in 0..sums.seen.len() {
         let mut at = [Row::default(); 3];
         for lane in 0..LANES {
@@ -378,13 +378,13 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
             }
         }
         let texels = Texels {
-            at: load(simd, &at),
+            at: load_vector(simd, &at),
             kind: grid.kind,
             minus_normal,
             radiance: grid.radiance,
         };
         let zero = f32x16::splat(simd, 0.0);
-        let in_front = texels.in_front(&splat(simd, shadows[0].beam.position));
+        let in_front = texels.in_front(&splat_vector(simd, shadows[0].beam.position));
         let mut all = LaneSums {
             seen: sums.seen[block].load(simd),
             light: sums.light.get(block).map_or(zero, |r| r.load(simd)),
@@ -398,8 +398,8 @@ fn add_row<S: Simd>(simd: S, grid: &Grid, shadows: &[Shadow], y: usize, sums: Su
                 None => one,
             };
             let beams = Beams {
-                position: splat(simd, beam.position),
-                normal: splat(simd, beam.normal),
+                position: splat_vector(simd, beam.position),
+                normal: splat_vector(simd, beam.normal),
                 height: f32x16::splat(simd, beam.height),
                 area: f32x16::splat(simd, beam.area),
             };

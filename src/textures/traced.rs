@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::atlas::{Atlas, Key};
 use super::occluders::Side;
-use super::sums::{self, Beams, LaneSums, Texels, Weighting, load, splat};
+use super::sums::{self, Beams, LaneSums, Texels, Weighting};
 use super::texture::center_of;
 use crate::bvh::any_hit::blocked;
 use crate::bvh::packet::{Packet, Stack};
@@ -20,7 +20,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::light::Light;
 use crate::sampling::{Pattern, Sampler, SharedPoint};
-use crate::simd::{LANES, Row, detect};
+use crate::simd::{LANES, Row, detect, load_vector, splat_vector};
 
 /// A texel of a texture.
 pub type Wanted = (Key, [u32; 2]);
@@ -152,9 +152,9 @@ impl<'a> Tracing<'a> {
         };
         let normal = self.points.first().map_or(DVec3::ZERO, |p| p.normal);
         let texels = Texels {
-            at: load(simd, &block.at),
+            at: load_vector(simd, &block.at),
             kind: self.kind,
-            minus_normal: splat(simd, -normal.as_vec3()),
+            minus_normal: splat_vector(simd, -normal.as_vec3()),
             radiance: self.atlas.layout.radiance,
         };
         let of_polygon = self
@@ -170,8 +170,8 @@ impl<'a> Tracing<'a> {
             };
             beam.set(block, point);
             let beams = Beams {
-                position: load(simd, &beam.position),
-                normal: load(simd, &beam.normal),
+                position: load_vector(simd, &beam.position),
+                normal: load_vector(simd, &beam.normal),
                 height: beam.height.load(simd),
                 area: beam.area.load(simd),
             };

@@ -13,7 +13,7 @@ use super::grid::Grid;
 use crate::bvh::TriangleBvh;
 use crate::sampling::LightProjection;
 use crate::sampling::tracing::bits;
-use crate::simd::{Lanes, Row, detect};
+use crate::simd::{Lanes, Row, detect, dot, load_vector, splat_vector};
 
 /// Rounding of a dot product of three terms, of its factors, and of the difference that one of them is:
 /// fewer than 8 rounding errors (2⁻²⁴) of the product of their sizes.
@@ -68,27 +68,8 @@ pub(super) fn draw_edges(
 }
 
 #[inline(always)]
-fn splat<S: Simd>(simd: S, p: Vec3) -> [f32x16<S>; 3] {
-    [
-        f32x16::splat(simd, p.x),
-        f32x16::splat(simd, p.y),
-        f32x16::splat(simd, p.z),
-    ]
-}
-
-#[inline(always)]
-fn load<S: Simd>(simd: S, p: &[Row; 3]) -> [f32x16<S>; 3] {
-    [p[0].load(simd), p[1].load(simd), p[2].load(simd)]
-}
-
-#[inline(always)]
 fn minus<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> [f32x16<S>; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Lanes whose triangle is certainly seen from its front, and from its back.
@@ -120,22 +101,22 @@ fn draw_lanes<S: Simd>(
     let ends = [range.start as f32, (range.end - 1) as f32];
     let (reach, corner) = grid.border_reach();
     let (columns, rows) = (grid.layout().columns as f32, grid.layout().rows as f32);
-    let origin = splat(simd, view.origin);
+    let origin = splat_vector(simd, view.origin);
     let (u, v, w) = (
-        splat(simd, view.u),
-        splat(simd, view.v),
-        splat(simd, view.w),
+        splat_vector(simd, view.u),
+        splat_vector(simd, view.v),
+        splat_vector(simd, view.w),
     );
     for block in blocks {
-        let a = minus(&load(simd, &block.ends[0]), &origin);
+        let a = minus(&load_vector(simd, &block.ends[0]), &origin);
         let doubt = (a[0].abs() + a[1].abs() + a[2].abs()) * DOT_ERROR;
-        let mut one = sides(&a, &load(simd, &block.normals[0]), doubt);
-        let mut two = sides(&a, &load(simd, &block.normals[1]), doubt);
+        let mut one = sides(&a, &load_vector(simd, &block.normals[0]), doubt);
+        let mut two = sides(&a, &load_vector(simd, &block.normals[1]), doubt);
         let open = block.used & !(one[0] & two[0] | one[1] & two[1]);
         if open == 0 {
             continue;
         }
-        let b = minus(&load(simd, &block.ends[1]), &origin);
+        let b = minus(&load_vector(simd, &block.ends[1]), &origin);
         let (ua, va, wa) = (dot(&a, &u), dot(&a, &v), dot(&a, &w));
         let (ub, vb, wb) = (dot(&b, &u), dot(&b, &v), dot(&b, &w));
         // Wholly beside all rows, behind the receiver or behind the light.

@@ -11,7 +11,7 @@ use super::grid::{Cells, EdgeImage, columns, draw};
 use crate::bvh::outline::EdgePlanes;
 use crate::receivers::GROUP;
 use crate::sampling::{GRID, LightProjection, WHOLE};
-use crate::simd::{LANES, Lanes, Row, detect};
+use crate::simd::{LANES, Lanes, Row, detect, dot, splat_vector};
 
 /// Rows of lanes in a group of receivers.
 const ROWS: usize = GROUP / LANES;
@@ -102,23 +102,9 @@ fn load<S: Simd>(simd: S, vectors: &[[Row; ROWS]; 3], row: usize) -> [f32x16<S>;
 }
 
 #[inline(always)]
-fn splat<S: Simd>(simd: S, p: Vec3) -> [f32x16<S>; 3] {
-    [
-        f32x16::splat(simd, p.x),
-        f32x16::splat(simd, p.y),
-        f32x16::splat(simd, p.z),
-    ]
-}
-
-#[inline(always)]
 fn from<S: Simd>(simd: S, p: Vec3, origin: &[f32x16<S>; 3]) -> [f32x16<S>; 3] {
-    let [x, y, z] = splat(simd, p);
+    let [x, y, z] = splat_vector(simd, p);
     [x - origin[0], y - origin[1], z - origin[2]]
-}
-
-#[inline(always)]
-fn dot<S: Simd>(a: &[f32x16<S>; 3], b: &[f32x16<S>; 3]) -> f32x16<S> {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Sum of absolute values.
@@ -147,8 +133,8 @@ fn project_lanes<S: Simd>(simd: S, edges: &[EdgePlanes], viewers: &Viewers, imag
             // Certainly in front of both triangles, or behind both.
             let doubt = size_a * DOT_ERROR;
             let negative = zero - doubt;
-            let one = dot(&a, &splat(simd, edge.normals[0]));
-            let two = dot(&a, &splat(simd, edge.normals[1]));
+            let one = dot(&a, &splat_vector(simd, edge.normals[0]));
+            let two = dot(&a, &splat_vector(simd, edge.normals[1]));
             let goes_on = doubt.lt(one.lesser(two)) | one.greater(two).lt(negative);
             let open = viewers.valid[row] & !goes_on;
             if open == 0 {
