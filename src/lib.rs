@@ -54,5 +54,9 @@ extern crate self as softshadow;
 mod adversarial;
 
 #[cfg(test)]
+#[path = "../tests/random.rs"]
+mod random;
+
+#[cfg(test)]
 #[path = "../tests/same_bits.rs"]
 mod same_bits;

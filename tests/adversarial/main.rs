@@ -8,6 +8,7 @@ mod segments;
 
 use std::sync::Arc;
 
+use crate::random::Random;
 use glam::DVec3;
 use softshadow::control::Control;
 use softshadow::geometry::entry::Material;
@@ -31,39 +32,6 @@ const NO_CASTER: Material = Material {
 
 fn vec(x: f64, y: f64, z: f64) -> DVec3 {
     DVec3::new(x, y, z)
-}
-
-struct Random(u64);
-
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// In [0, 1).
-    fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn point(&mut self) -> DVec3 {
-        let mut x = || 2.0 * self.unit() - 1.0;
-        vec(x(), x(), x())
-    }
-
-    fn below(&mut self, n: u64) -> i64 {
-        (self.bits() % n) as i64
-    }
-
-    fn lattice(&mut self, n: u64) -> DVec3 {
-        vec(
-            self.below(n) as f64,
-            self.below(n) as f64,
-            self.below(n) as f64,
-        )
-    }
 }
 
 /// Vertices, faces and look of a mesh.

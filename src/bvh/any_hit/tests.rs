@@ -1,25 +1,15 @@
 use super::*;
 use crate::bvh::tree::Tree;
+use crate::random::Random;
 use crate::simd::{LANES, levels};
 
-struct Random(u64);
+/// In [-1, 1].
+fn number(random: &mut Random) -> f32 {
+    random.number() as f32
+}
 
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// A number in [-1, 1).
-    fn number(&mut self) -> f32 {
-        (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
-    }
-
-    fn point(&mut self) -> Vec3 {
-        Vec3::new(self.number(), self.number(), self.number())
-    }
+fn point(random: &mut Random) -> Vec3 {
+    random.point().as_vec3()
 }
 
 fn wide(triangles: &[[Vec3; 3]]) -> Wide {
@@ -49,8 +39,8 @@ fn without_boxes(triangles: &[[Vec3; 3]], packet: &Packet) -> u16 {
 
 fn soup(random: &mut Random, count: usize, size: f32) -> Vec<[Vec3; 3]> {
     let one = |_| {
-        let p = random.point();
-        [(); 3].map(|()| (p + size * random.point()).clamp(Vec3::NEG_ONE, Vec3::ONE))
+        let p = point(random);
+        [(); 3].map(|()| (p + size * point(random)).clamp(Vec3::NEG_ONE, Vec3::ONE))
     };
     (0..count).map(one).collect()
 }
@@ -72,13 +62,13 @@ fn all_levels_agree_also_on_segments_that_are_not_finite() {
             let from = if round % 2 == 0 {
                 packet.origin(0)
             } else {
-                random.point()
+                point(&mut random)
             };
             let through = match kind {
                 0 => t[0],
                 1 => 0.5 * (t[0] + t[1]),
                 2 => (t[0] + t[1] + t[2]) / 3.0,
-                _ => random.point(),
+                _ => point(&mut random),
             };
             let mut to = from + (through - from) * [1.0, 2.0, 1e6][far];
             match odd {
@@ -119,9 +109,9 @@ fn no_box_hides_a_triangle_that_the_test_hits() {
         let mut packet = Packet::default();
         for lane in 0..LANES {
             let t = triangles[lane % triangles.len()];
-            let from = random.point().signum() * far * (1.0 - 0.01 * random.number().abs());
-            let through = t[0].lerp(t[1], random.number().abs());
-            let to = through + (through - from) * (0.01 + random.number().abs());
+            let from = point(&mut random).signum() * far * (1.0 - 0.01 * number(&mut random).abs());
+            let through = t[0].lerp(t[1], number(&mut random).abs());
+            let to = through + (through - from) * (0.01 + number(&mut random).abs());
             packet.set(lane, from, to);
         }
         let boxed = blocked(&wide(&triangles), &packet, u16::MAX, &mut stack);
@@ -156,8 +146,8 @@ fn segments_alone_and_together_get_the_answer_of_the_triangles_alone() {
                 0 => t[0],
                 1 => 0.5 * (t[0] + t[1]),
                 2 => (t[0] + t[1] + t[2]) / 3.0,
-                3 => t[0] + (t[1] - t[0]) * random.number() + (t[2] - t[0]) * random.number(),
-                _ => random.point(),
+                3 => t[0] + (t[1] - t[0]) * number(random) + (t[2] - t[0]) * number(random),
+                _ => point(random),
             }
         };
         let mut packet = Packet::default();
@@ -198,10 +188,10 @@ fn a_triangle_seen_edge_on_blocks_nothing_beside_it() {
     let mut packet = Packet::default();
     packet.set(0, Vec3::NEG_Z, Vec3::Z);
     for _ in 0..20_000 {
-        let a = 0.5 * random.point() + Vec3::new(0.6, 0.6, 0.0);
+        let a = 0.5 * point(&mut random) + Vec3::new(0.6, 0.6, 0.0);
         let mut along = || {
-            let k = 1.0 + random.number().abs();
-            Vec3::new(a.x * k, a.y * k, random.number())
+            let k = 1.0 + number(&mut random).abs();
+            Vec3::new(a.x * k, a.y * k, number(&mut random))
         };
         let triangle = [a, along(), along()];
         let tree = wide(&[triangle]);

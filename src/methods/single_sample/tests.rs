@@ -10,24 +10,9 @@ use crate::bvh::any_hit;
 use crate::bvh::packet::Stack;
 use crate::geometry::entry::Material;
 use crate::light::Light;
+use crate::random::Random;
 use crate::scene::Scene;
 use crate::simd::{LANES, detect, levels};
-
-struct Random(u64);
-
-impl Random {
-    /// A number in [-1, 1).
-    fn number(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    fn point(&mut self) -> DVec3 {
-        DVec3::new(self.number(), self.number(), self.number())
-    }
-}
 
 fn lights(random: &mut Random) -> [Light; 3] {
     let (c, n) = (random.point() * 1.5, random.point());
