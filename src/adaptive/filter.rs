@@ -68,13 +68,21 @@ pub struct Filter<'a> {
     size: [usize; 2],
     /// The receiver of each pixel; none where receivers are a user's own points.
     pixels: Vec<AtomicU32>,
-    /// The entry of the scene that each receiver lies on.
-    entries: Vec<u32>,
+    /// Of each receiver, a bit for every pair of opposite neighbours that lie on its surface, both of them.
+    pairs: Vec<u32>,
 }
 
 impl<'a> Filter<'a> {
-    /// Finds the neighbours of receivers.
-    pub fn new(geometry: &Geometry, receivers: &'a Receivers) -> Self {
+    /// Finds the neighbours of receivers with these estimates; those that are exact need none.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`].
+    pub fn new(
+        geometry: &Geometry,
+        receivers: &'a Receivers,
+        estimates: &[Estimate],
+        control: &Control,
+    ) -> Result<Self> {
         let camera = receivers.camera.as_ref();
         let size = camera.map_or([0, 0], |c| [c.width as usize, c.height as usize]);
         let mut pixels = Vec::new();
@@ -84,22 +92,38 @@ impl<'a> Filter<'a> {
                 |(i, &at): (usize, &u32)| pixels[at as usize].store(i as u32, Ordering::Relaxed);
             receivers.index.par_iter().enumerate().for_each(set);
         }
-        let entries = receivers.faces.par_iter().with_min_len(1024).map_init(
-            || None,
-            |last, &face| {
-                if face == NONE {
-                    NONE
-                } else {
-                    geometry.mesh_after(last, face).entry
-                }
-            },
-        );
-        Filter {
+        let mut filter = Filter {
             receivers,
             size,
             pixels,
-            entries: entries.collect(),
+            pairs: Vec::new(),
+        };
+        if camera.is_some() {
+            filter.pairs = filter.find_pairs(geometry, estimates, control)?;
         }
+        Ok(filter)
+    }
+
+    fn find_pairs(
+        &self,
+        geometry: &Geometry,
+        estimates: &[Estimate],
+        control: &Control,
+    ) -> Result<Vec<u32>> {
+        let find = |surface: &mut Box<Surface>, range: Range<usize>, out: &mut [u32]| {
+            if estimates[range.clone()].iter().all(Estimate::is_exact) {
+                return Ok(());
+            }
+            let corner = self.corner(range.start);
+            surface.set(self, geometry, corner);
+            dispatch!(detect(), _simd => surface.find());
+            for (i, out) in range.zip(out) {
+                *out = surface.pairs[self.in_block(i, corner)];
+            }
+            Ok(())
+        };
+        self.receivers
+            .by_groups(control, 0, Box::<Surface>::default, find)
     }
 
     /// What is found for all receivers; as `before`, which may be empty, where nothing in a block and the blocks around it
@@ -132,11 +156,10 @@ impl<'a> Filter<'a> {
                     .for_each(|(out, found)| *out = found);
             } else {
                 let corner = self.corner(range.start);
-                tile.set(self, estimates, corner);
+                tile.set(self, estimates, range.clone(), corner);
                 dispatch!(detect(), _simd => tile.find());
                 for (i, out) in range.zip(out) {
-                    let (x, y) = self.place(i);
-                    let at = (y - corner.1) * SIDE + (x - corner.0);
+                    let at = self.in_block(i, corner);
                     *out = Filtered {
                         seen: tile.found[0][at],
                         part: tile.found[1][at],
@@ -189,6 +212,12 @@ impl<'a> Filter<'a> {
         (x / SIDE * SIDE, y / SIDE * SIDE)
     }
 
+    /// The place of receiver `i` in its block, row by row.
+    fn in_block(&self, i: usize, corner: (usize, usize)) -> usize {
+        let (x, y) = self.place(i);
+        (y - corner.1) * SIDE + (x - corner.0)
+    }
+
     /// The receiver of a pixel, counted from outside of the image by the reach of windows.
     fn at(&self, x: usize, y: usize) -> Option<usize> {
         let (x, y) = (x.checked_sub(REACH)?, y.checked_sub(REACH)?);
@@ -227,15 +256,137 @@ fn variance_of_points(estimates: &[Estimate]) -> f32 {
     sum / open().count().max(1) as f32
 }
 
-/// A block of pixels and what windows take in around it, a table for each quantity.
-struct Tile {
+/// A table over a block of pixels and what windows take in around it.
+type Table<T> = [T; WIDE * WIDE];
+
+/// The pixels from a place in a table on.
+#[inline(always)]
+fn row<T>(table: &Table<T>, at: usize) -> &[T] {
+    &table[at..at + SIDE]
+}
+
+/// Offsets of a window's pixels at this distance from its middle, half of them: the others are opposite. As
+/// places in a table whose middle is at [`OFFSET`].
+#[inline(always)]
+fn half_ring(reach: usize) -> impl Iterator<Item = usize> {
+    (REACH - reach..REACH + reach)
+        .flat_map(move |k| [k * WIDE + REACH + reach, (REACH - reach) * WIDE + k])
+}
+
+/// What offsets are counted from, so that they are not negative.
+const OFFSET: usize = REACH * WIDE + REACH;
+
+/// The surfaces that a block of pixels and what is around it lie on.
+struct Surface {
     /// Whether all pixels lie on one triangle.
     flat: bool,
-    entry: [u32; WIDE * WIDE],
-    position: [[f32; WIDE * WIDE]; 3],
-    normal: [[f32; WIDE * WIDE]; 3],
+    entry: Table<u32>,
+    position: [Table<f32>; 3],
+    normal: [Table<f32>; 3],
+    /// Which pairs of opposite neighbours lie on the surface of each of the block's pixels, a bit a pair.
+    pairs: [u32; SIDE * SIDE],
+}
+
+impl Default for Surface {
+    fn default() -> Self {
+        Surface {
+            flat: false,
+            entry: [NOTHING; WIDE * WIDE],
+            position: [[0.0; WIDE * WIDE]; 3],
+            normal: [[0.0; WIDE * WIDE]; 3],
+            pairs: [0; SIDE * SIDE],
+        }
+    }
+}
+
+impl Surface {
+    /// Takes the block with this first pixel.
+    fn set(&mut self, filter: &Filter, geometry: &Geometry, corner: (usize, usize)) {
+        let r = filter.receivers;
+        let mut origin: Option<DVec3> = None;
+        let mut face = None;
+        let mut mesh = None;
+        self.flat = true;
+        for y in 0..WIDE {
+            for x in 0..WIDE {
+                let at = y * WIDE + x;
+                let Some(i) = filter.at(corner.0 + x, corner.1 + y) else {
+                    self.flat = false;
+                    self.entry[at] = NOTHING;
+                    continue;
+                };
+                let its = r.faces[i];
+                self.flat &= its == *face.get_or_insert(its) && its != NONE;
+                self.entry[at] = if its == NONE {
+                    NONE
+                } else {
+                    geometry.mesh_after(&mut mesh, its).entry
+                };
+                let p = r.positions[i] - *origin.get_or_insert(r.positions[i]);
+                for k in 0..3 {
+                    self.position[k][at] = p[k] as f32;
+                    self.normal[k][at] = r.normals[i][k] as f32;
+                }
+            }
+        }
+    }
+
+    /// Finds the pairs of the block's pixels.
+    #[inline(always)]
+    fn find(&mut self) {
+        if self.flat {
+            self.pairs = [u32::MAX; SIDE * SIDE];
+            return;
+        }
+        for y in 0..SIDE {
+            let middle = (y + REACH) * WIDE + REACH;
+            let mut pairs = [0; SIDE];
+            let rings = (1..=REACH).flat_map(half_ring);
+            for (bit, away) in rings.enumerate() {
+                let mut alike = [1 << bit; SIDE];
+                self.keep_alike(middle, middle + away - OFFSET, &mut alike);
+                self.keep_alike(middle, middle + OFFSET - away, &mut alike);
+                for x in 0..SIDE {
+                    pairs[x] |= alike[x];
+                }
+            }
+            self.pairs[y * SIDE..(y + 1) * SIDE].copy_from_slice(&pairs);
+        }
+    }
+
+    /// Leaves `alike` as it is where pixels from `middle` and from `other` on lie on one surface, and makes it 0
+    /// elsewhere.
+    #[inline(always)]
+    fn keep_alike(&self, middle: usize, other: usize, alike: &mut [u32; SIDE]) {
+        let (entry, others) = (row(&self.entry, middle), row(&self.entry, other));
+        let (mut turned, mut across) = ([0.0; SIDE], [0.0; SIDE]);
+        let mut squared = [0.0; SIDE];
+        for k in 0..3 {
+            let (n, m) = (row(&self.normal[k], middle), row(&self.normal[k], other));
+            let (p, q) = (
+                row(&self.position[k], middle),
+                row(&self.position[k], other),
+            );
+            for x in 0..SIDE {
+                let d = q[x] - p[x];
+                turned[x] += n[x] * m[x];
+                across[x] += n[x] * d;
+                squared[x] += d * d;
+            }
+        }
+        for x in 0..SIDE {
+            let near = across[x] * across[x] <= ACROSS * ACROSS * squared[x];
+            let one = (entry[x] == others[x]) & (turned[x] >= ALIKE) & near;
+            alike[x] = if one { alike[x] } else { 0 };
+        }
+    }
+}
+
+/// What samples tell of a block of pixels and what is around it.
+struct Tile {
     /// What windows add up, a table each.
-    values: [[f32; WIDE * WIDE]; SUMS],
+    values: [Table<f32>; SUMS],
+    pairs: [u32; SIDE * SIDE],
     /// Visibility, part of the irradiance and squared error of the block's pixels.
     found: [[f32; SIDE * SIDE]; 3],
 }
@@ -251,52 +402,38 @@ const SAMPLES: usize = 4;
 impl Default for Tile {
     fn default() -> Self {
         Tile {
-            flat: false,
-            entry: [NOTHING; WIDE * WIDE],
-            position: [[0.0; WIDE * WIDE]; 3],
-            normal: [[0.0; WIDE * WIDE]; 3],
             values: [[0.0; WIDE * WIDE]; SUMS],
+            pairs: [0; SIDE * SIDE],
             found: [[0.0; SIDE * SIDE]; 3],
         }
     }
 }
 
-/// The pixels from a place in a tile's table on.
-#[inline(always)]
-fn row<T>(table: &[T; WIDE * WIDE], at: usize) -> &[T] {
-    &table[at..at + SIDE]
-}
-
 impl Tile {
-    /// Takes the block with this first pixel.
-    fn set(&mut self, filter: &Filter, estimates: &[Estimate], corner: (usize, usize)) {
-        let r = filter.receivers;
-        let mut origin: Option<DVec3> = None;
-        let mut face = None;
-        self.flat = true;
+    /// Takes the block with this first pixel, which these receivers lie in.
+    fn set(
+        &mut self,
+        filter: &Filter,
+        estimates: &[Estimate],
+        range: Range<usize>,
+        corner: (usize, usize),
+    ) {
         for y in 0..WIDE {
             for x in 0..WIDE {
                 let at = y * WIDE + x;
-                let Some(i) = filter.at(corner.0 + x, corner.1 + y) else {
-                    self.flat = false;
-                    self.entry[at] = NOTHING;
-                    self.values.iter_mut().for_each(|table| table[at] = 0.0);
-                    continue;
-                };
-                let e = &estimates[i];
-                self.entry[at] = filter.entries[i];
-                self.flat &= r.faces[i] == *face.get_or_insert(r.faces[i]) && r.faces[i] != NONE;
-                let p = r.positions[i] - *origin.get_or_insert(r.positions[i]);
-                for k in 0..3 {
-                    self.position[k][at] = p[k] as f32;
-                    self.normal[k][at] = r.normals[i][k] as f32;
-                }
+                let e = filter
+                    .at(corner.0 + x, corner.1 + y)
+                    .map_or_else(Estimate::default, |i| estimates[i]);
                 let samples = e.samples as f32;
                 let values = [e.seen, e.variance, e.irradiance, e.unshadowed, samples];
                 for (table, value) in self.values.iter_mut().zip(values) {
                     table[at] = value;
                 }
             }
+        }
+        self.pairs = [0; SIDE * SIDE];
+        for i in range {
+            self.pairs[filter.in_block(i, corner)] = filter.pairs[i];
         }
     }
 
@@ -315,32 +452,31 @@ impl Tile {
         for (sum, values) in sums.iter_mut().zip(&self.values) {
             sum.copy_from_slice(row(values, middle));
         }
-        let mut error = [0.0; SIDE];
-        self.errors_alone(middle, &mut error);
         let (own_samples, own) = (sums[SAMPLES], sums[SEEN]);
         let (mut seen, mut irradiance, mut unshadowed) = (own, sums[IRRADIANCE], sums[UNSHADOWED]);
-        let (mut low, mut high) = ([0.0; SIDE], [0.0; SIDE]);
-        for x in 0..SIDE {
-            let spread = CONFIDENCE * error[x].sqrt();
-            (low[x], high[x]) = (own[x] - spread, own[x] + spread);
-        }
-        let mut grows = [true; SIDE];
-        let mut count = [1.0f32; SIDE];
-        for reach in 1..=REACH {
-            let before = count;
-            for k in REACH - reach..REACH + reach {
-                // Half of the offsets at this distance; the others are opposite.
-                for [dx, dy] in [[REACH + reach, k], [k, REACH - reach]] {
-                    let away = dy * WIDE + dx;
+        let mut error = [0.0; SIDE];
+        if own_samples != [0.0; SIDE] {
+            self.errors_alone(middle, &mut error);
+            let pairs = &self.pairs[y * SIDE..(y + 1) * SIDE];
+            let (mut low, mut high) = ([0.0; SIDE], [0.0; SIDE]);
+            for x in 0..SIDE {
+                let spread = CONFIDENCE * error[x].sqrt();
+                (low[x], high[x]) = (own[x] - spread, own[x] + spread);
+            }
+            // What is exact stays so.
+            let mut grows = own_samples.map(|samples| samples > 0.0);
+            let mut count = [1.0f32; SIDE];
+            let mut bit = 0;
+            for reach in 1..=REACH {
+                let before = count;
+                for away in half_ring(reach) {
                     let (a, b) = (middle + away - OFFSET, middle + OFFSET - away);
-                    let mut alike = [1.0; SIDE];
-                    if !self.flat {
-                        self.keep_alike(middle, a, &mut alike);
-                        self.keep_alike(middle, b, &mut alike);
-                    }
+                    let mut alike = [0.0; SIDE];
                     for x in 0..SIDE {
+                        alike[x] = (pairs[x] >> bit & 1) as f32;
                         count[x] += 2.0 * alike[x];
                     }
+                    bit += 1;
                     for (sum, values) in sums.iter_mut().zip(&self.values) {
                         let (a, b) = (row(values, a), row(values, b));
                         for x in 0..SIDE {
@@ -348,34 +484,26 @@ impl Tile {
                         }
                     }
                 }
-            }
-            for x in 0..SIDE {
-                let mean = sums[SEEN][x] / count[x];
-                let samples = sums[SAMPLES][x].max(1.0);
-                let of_mean = sums[VARIANCE][x] / (count[x] * count[x]) + unseen(samples);
-                let spread = CONFIDENCE * of_mean.sqrt();
-                low[x] = low[x].max(mean - spread);
-                high[x] = high[x].min(mean + spread);
-                grows[x] = grows[x] & (count[x] > before[x]) & (low[x] <= high[x]);
-                let better = grows[x] & (BLUR * of_mean < error[x]);
-                error[x] = if better { BLUR * of_mean } else { error[x] };
-                seen[x] = if better { mean } else { seen[x] };
-                irradiance[x] = if better {
-                    sums[IRRADIANCE][x]
-                } else {
-                    irradiance[x]
-                };
-                unshadowed[x] = if better {
-                    sums[UNSHADOWED][x]
-                } else {
-                    unshadowed[x]
-                };
+                for x in 0..SIDE {
+                    let mean = sums[SEEN][x] / count[x];
+                    let samples = sums[SAMPLES][x].max(1.0);
+                    let of_mean = sums[VARIANCE][x] / (count[x] * count[x]) + unseen(samples);
+                    let spread = CONFIDENCE * of_mean.sqrt();
+                    low[x] = low[x].max(mean - spread);
+                    high[x] = high[x].min(mean + spread);
+                    grows[x] = grows[x] & (count[x] > before[x]) & (low[x] <= high[x]);
+                    let better = grows[x] & (BLUR * of_mean < error[x]);
+                    let take = |of: f32, old: &mut f32| *old = if better { of } else { *old };
+                    take(BLUR * of_mean, &mut error[x]);
+                    take(mean, &mut seen[x]);
+                    take(sums[IRRADIANCE][x], &mut irradiance[x]);
+                    take(sums[UNSHADOWED][x], &mut unshadowed[x]);
+                }
             }
         }
         for x in 0..SIDE {
-            // What is exact stays so.
             let exact = own_samples[x] == 0.0;
-            self.found[0][y * SIDE + x] = if exact { own[x] } else { seen[x] };
+            self.found[0][y * SIDE + x] = seen[x];
             self.found[1][y * SIDE + x] = part(irradiance[x], unshadowed[x]);
             self.found[2][y * SIDE + x] = if exact { 0.0 } else { error[x] };
         }
@@ -402,34 +530,4 @@ impl Tile {
             out[x] = sum[x] / (count[x].max(1.0) * samples) + unseen(samples);
         }
     }
-
-    /// Leaves `alike` as it is where pixels from `middle` and from `other` on lie on one surface, and makes it 0
-    /// elsewhere.
-    #[inline(always)]
-    fn keep_alike(&self, middle: usize, other: usize, alike: &mut [f32; SIDE]) {
-        let (entry, others) = (row(&self.entry, middle), row(&self.entry, other));
-        let (mut turned, mut across) = ([0.0; SIDE], [0.0; SIDE]);
-        let mut squared = [0.0; SIDE];
-        for k in 0..3 {
-            let (n, m) = (row(&self.normal[k], middle), row(&self.normal[k], other));
-            let (p, q) = (
-                row(&self.position[k], middle),
-                row(&self.position[k], other),
-            );
-            for x in 0..SIDE {
-                let d = q[x] - p[x];
-                turned[x] += n[x] * m[x];
-                across[x] += n[x] * d;
-                squared[x] += d * d;
-            }
-        }
-        for x in 0..SIDE {
-            let near = across[x] * across[x] <= ACROSS * ACROSS * squared[x];
-            let one = (entry[x] == others[x]) & (turned[x] >= ALIKE) & near;
-            alike[x] = if one { alike[x] } else { 0.0 };
-        }
-    }
 }
-
-/// What offsets are counted from, so that they are not negative.
-const OFFSET: usize = REACH * WIDE + REACH;

@@ -13,7 +13,7 @@ pub mod filter;
 pub struct Estimate {
     /// Mean of its samples.
     pub seen: f32,
-    /// Variance of that mean, as the difference of two halves of the samples tells.
+    /// Variance of that mean, as the difference of two parts of the samples tells.
     pub variance: f32,
     /// Irradiance at radiance 1, by its samples.
     pub irradiance: f32,
@@ -37,15 +37,15 @@ impl Estimate {
     /// Adds what more samples of the same receiver tell.
     ///
     /// They continue a sequence that fills the light evenly, so that their errors tend to cancel those of the
-    /// samples before; taken as independent, the variance is more than it is.
+    /// samples before; by their difference as if they were independent, the variance is more than it is.
     pub fn add(&mut self, more: &Estimate) {
         let all = self.samples + more.samples;
         let (a, b) = (
             self.samples as f32 / all as f32,
             more.samples as f32 / all as f32,
         );
+        self.variance = a * b * (self.seen - more.seen).powi(2);
         self.seen = a * self.seen + b * more.seen;
-        self.variance = a * a * self.variance + b * b * more.variance;
         self.irradiance = a * self.irradiance + b * more.irradiance;
         self.unshadowed = a * self.unshadowed + b * more.unshadowed;
         self.samples = all;

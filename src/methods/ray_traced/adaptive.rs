@@ -50,8 +50,8 @@ impl PreparedRayTraced {
         let most = ends[ends.len() - 1];
         let pilot = self.sample(receivers, light, control, |_| Some(0))?;
         let mut estimates: Vec<Estimate> = pilot.into_iter().flatten().collect();
-        let filter = Filter::new(&self.geometry, receivers);
         let silent = control.silent();
+        let filter = Filter::new(&self.geometry, receivers, &estimates, &silent)?;
         let wanted = error * error * receivers.len() as f64;
         let mut found = Vec::new();
         let mut grown = vec![true; receivers.len()];
