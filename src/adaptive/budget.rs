@@ -10,6 +10,10 @@ pub const GROWTH: u32 = 2;
 /// Samples that every receiver has first.
 pub const PILOT: u32 = 4;
 
+/// Part of the errors' sum that is wanted, under which the errors of those that are left out do not matter yet: where one
+/// step cannot be enough, most receivers need none.
+const SPARED: f64 = 0.25;
+
 /// Bounds are powers of two of a quarter: a receiver more or less does not matter.
 const BUCKETS_AN_OCTAVE: usize = 4;
 
@@ -44,14 +48,15 @@ pub fn bound(receivers: impl Iterator<Item = (f32, u32, bool)>, wanted: f64) -> 
     let smallest = growing.iter().rposition(|e| *e > 0.0)?;
     // Every step takes `e / n` down by GROWTH², and `e` by GROWTH.
     let buckets_a_step = 2 * GROWTH.ilog2() as usize * BUCKETS_AN_OCTAVE;
-    let left = |bound: usize| {
+    let is_enough = |bound: usize| {
         let steps = |bucket: usize| (bound + 1 - bucket).div_ceil(buckets_a_step) as i32;
         let grown = |(bucket, error): (usize, &f64)| error / f64::from(GROWTH).powi(steps(bucket));
         let rest: f64 = growing[bound + 1..].iter().sum();
-        fixed + rest + growing[..=bound].iter().enumerate().map(grown).sum::<f64>()
+        let grown: f64 = growing[..=bound].iter().enumerate().map(grown).sum();
+        fixed + rest + grown <= wanted || rest <= SPARED * wanted
     };
     let bound = (0..smallest)
-        .find(|&b| left(b) <= wanted)
+        .find(|&bound| is_enough(bound))
         .unwrap_or(smallest);
     Some((-((bound + 1) as f32) / BUCKETS_AN_OCTAVE as f32).exp2())
 }

@@ -36,15 +36,18 @@ impl Estimate {
 
     /// Adds what more samples of the same receiver tell.
     ///
-    /// They continue a sequence that fills the light evenly, so that their errors tend to cancel those of the
-    /// samples before; by their difference as if they were independent, the variance is more than it is.
+    /// The variance is the mean of what both parts' own tell and of what their difference does, each as if all
+    /// samples were independent. They continue a sequence that fills the light evenly, so that their errors tend to cancel:
+    /// it is too large rather than too small. Of the difference alone, which now and then is small by chance, too
+    /// many receivers would be left too early.
     pub fn add(&mut self, more: &Estimate) {
         let all = self.samples + more.samples;
         let (a, b) = (
             self.samples as f32 / all as f32,
             more.samples as f32 / all as f32,
         );
-        self.variance = a * b * (self.seen - more.seen).powi(2);
+        let apart = a * a * self.variance + b * b * more.variance;
+        self.variance = 0.5 * (apart + a * b * (self.seen - more.seen).powi(2));
         self.seen = a * self.seen + b * more.seen;
         self.irradiance = a * self.irradiance + b * more.irradiance;
         self.unshadowed = a * self.unshadowed + b * more.unshadowed;

@@ -113,7 +113,7 @@ impl PreparedRayTraced {
                     }
                     out[i - first] = Some(found);
                 };
-                if s == 0 && light.cull {
+                if light.cull {
                     self.shade_neighbours(receivers, &mut ids, light, scratch, &mut put);
                 } else {
                     self.shade_group(receivers, &mut ids, light, scratch, &mut put);
@@ -147,9 +147,7 @@ fn estimate(answer: &Answer, samples: usize) -> Estimate {
     }
 }
 
-/// Makes an estimate of receiver `i` exact where its first samples say that all of the light is seen alike. Only
-/// those are asked, before which edges are always searched for: of later samples a search may be left out, by
-/// which thread does what, and that must not show.
+/// Makes an estimate of receiver `i` exact where its first samples say that all of the light is seen alike.
 fn settle(
     found: &mut Estimate,
     answer: &Answer,

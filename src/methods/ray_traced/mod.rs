@@ -113,11 +113,12 @@ impl Method for RayTraced {
                         .transparent
                         .as_ref()
                         .is_some_and(|(bvh, _)| touches(bvh));
-                let step = |pattern: &Pattern| PreparedLight {
+                let step = |(k, pattern): (usize, &Pattern)| PreparedLight {
                     sampler: Sampler::new(*light, pattern.clone(), self.fixed),
-                    cull: self.cull && !cut,
+                    // Receivers that need more samples than the first have edges before their light.
+                    cull: self.cull && !cut && k == 0,
                 };
-                steps.iter().map(step).collect()
+                steps.iter().enumerate().map(step).collect()
             })
             .collect::<Vec<Vec<_>>>();
         if lights.iter().flatten().any(|l| l.cull) {
