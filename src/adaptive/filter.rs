@@ -29,8 +29,8 @@ const REACH: usize = 3;
 const CONFIDENCE: f32 = 0.7;
 
 /// Squared error of a mean over a window as a multiple of its variance: the largest window whose mean is not yet
-/// seen to be off is off by about half of what its samples vary.
-const BLUR: f32 = 2.0;
+/// seen to be off is off by as much again as its samples vary, and by more in pictures of few pixels.
+const BLUR: f32 = 3.0;
 
 /// Least cosine between normals of one surface.
 const ALIKE: f32 = 0.9;
