@@ -4,7 +4,8 @@
 //! - [`packet`]: sixteen segments, and whether one passes through a triangle;
 //! - [`any_hit`]: which of sixteen segments are blocked by opaque triangles, by a tree with eight children a node (`wide`);
 //! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
-//! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance, and which first;
+//! - [`crossing`]: how many times one segment crosses each surface, exactly, and which first; `through`: sixteen segments'
+//!   transmittance by the same crossings, most of which single precision tells;
 //! - `pyramid`: the triangles in a convex region next to a point;
 //! - [`seen`]: what a camera sees;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers; [`edge_faces`]: the triangles at them.
@@ -23,6 +24,7 @@ pub mod outline;
 pub mod packet;
 pub(crate) mod pyramid;
 pub mod seen;
+mod through;
 pub mod tree;
 mod wide;
 
@@ -182,22 +184,18 @@ impl Occluders {
         stack: &mut Stack,
         out: &mut [f32; crate::simd::LANES],
     ) {
-        let mut open = active & !any_hit::blocked(&self.opaque, packet, active, stack);
-        out.fill(0.0);
-        while open != 0 {
-            let lane = open.trailing_zeros() as usize;
-            open &= open - 1;
-            let mut value = 1.0;
-            if self.transparent.is_some() || self.spheres.is_some() {
+        let open = active & !any_hit::blocked(&self.opaque, packet, active, stack);
+        for (lane, out) in out.iter_mut().enumerate() {
+            *out = f32::from(open >> lane & 1);
+        }
+        if let Some((bvh, through)) = &self.transparent {
+            through::triangles(bvh, through, packet, open, stack, out);
+        }
+        if let Some(spheres) = &self.spheres {
+            for (lane, out) in out.iter_mut().enumerate().filter(|(_, out)| **out > 0.0) {
                 let (from, to) = (packet.origin(lane), packet.target(lane));
-                if let Some((bvh, through)) = &self.transparent {
-                    value *= crossing::through_triangles(bvh, through, from, to, stack);
-                }
-                if let Some(spheres) = &self.spheres {
-                    value *= crossing::through_spheres(spheres, from, to, stack);
-                }
+                *out *= crossing::through_spheres(spheres, from, to, stack);
             }
-            out[lane] = value;
         }
     }
 

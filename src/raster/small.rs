@@ -152,17 +152,17 @@ impl<const N: usize> TriangleBatch<N> {
         for (k, corner) in corners.iter().enumerate() {
             let mut p = [[0.0; N]; 3];
             for (p, corner) in p.iter_mut().zip(corner) {
-                for i in 0..N {
-                    p[i] = f64::from(corner[i]);
+                for (p, &x) in p.iter_mut().zip(corner) {
+                    *p = f64::from(x);
                 }
             }
-            let [x, y, z] = &mut p;
             for i in 0..N {
-                let q = camera.project(DVec3::new(x[i], y[i], z[i]));
-                (x[i], y[i], z[i]) = (q.x, q.y, q.z);
+                let q = camera.project(DVec3::new(p[0][i], p[1][i], p[2][i]));
+                (p[0][i], p[1][i], p[2][i]) = (q.x, q.y, q.z);
             }
             for i in 0..N {
-                [self.x[k][i], self.y[k][i]] = on_screen(DVec3::new(x[i], y[i], z[i]));
+                let q = DVec3::new(p[0][i], p[1][i], p[2][i]);
+                [self.x[k][i], self.y[k][i]] = on_screen(q);
             }
             self.corners[k] = p;
         }
