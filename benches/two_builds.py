@@ -2,8 +2,8 @@
 
 ``python benches/two_builds.py BEFORE/.venv/bin/python AFTER/.venv/bin/python --repeats 15``
 
-``--dense`` adds `ray_traced` with 4 to 256 samples on scenes of many triangles, such as
-``--only "tree 16"``.
+``--dense`` adds `hard` and `ray_traced` with 4 to 256 samples on scenes of many triangles, such as
+``--only "tree 0" "tree 16"``.
 
 Each build renders in a process of its own. A row has the least processor and wall time of a frame
 with either, and the median of the ratios of frames that followed each other, which a busy machine
@@ -25,7 +25,8 @@ SIZE = 512
 DENSE_SIZE = 384
 """The same of dense scenes."""
 
-DENSE_SAMPLES = (4, 16, 64, 256)
+DENSE_SAMPLES = (0, 4, 16, 64, 256)
+"""Samples of `ray_traced`; none is `hard`, whose frames are mostly what a camera sees."""
 
 
 def _dense():
@@ -35,6 +36,7 @@ def _dense():
     size = {"width": DENSE_SIZE, "height": DENSE_SIZE}
     return {
         "tree": lambda: ss.scenes.tree(**size),
+        "glass": lambda: ss.scenes.tree(opacity=0.5, **size),
         "fur": lambda: ss.scenes.fur_ball(**size),
         "statue": lambda: ss.scenes.statue(**size),
         "bunny": lambda: ss.scenes.bunny_on_plane(**size),
@@ -100,7 +102,8 @@ def work():
             if which not in setups:
                 setups = {which: dense[which]()}
             setup = setups[which]
-            cases[name] = (setup.scene, setup.light, ss.RayTraced(int(samples)))
+            method = ss.RayTraced(int(samples)) if int(samples) else ss.Hard()
+            cases[name] = (setup.scene, setup.light, method)
             cameras[name] = setup.camera
         # Textures are kept after the first picture, which is the one to time.
         textures = name.split()[0] in ("accumulation", "convolution")

@@ -93,6 +93,16 @@ pub fn detect() -> Level {
     *LEVEL.get_or_init(|| chosen().map_or_else(|_| Level::new(), |(_, level)| level))
 }
 
+/// The whole number next to `x`, as both types; of no more than 31 bits. In two additions, where a conversion of what may
+/// be too large or no number keeps a loop from becoming one over registers.
+#[inline(always)]
+pub(crate) fn whole(x: f64) -> (f64, i32) {
+    // From here on the last bit of a number is 1.
+    const FIRST: f64 = 1.5 * (1u64 << 52) as f64;
+    let shifted = x + FIRST;
+    (shifted - FIRST, shifted.to_bits() as i32)
+}
+
 /// A vector, the same in all lanes.
 #[inline(always)]
 pub(crate) fn splat_vector<S: Simd>(simd: S, v: Vec3) -> [f32x16<S>; 3] {

@@ -82,7 +82,7 @@ def test_methods_do_not_use_each_other():
 
 def test_the_ground_knows_nothing_of_what_stands_on_it():
     ground = ["error", "memory", "control", "simd", "frame", "mesh", "camera", "geometry", "raster"]
-    order = [*ground, "light", "receivers", "bvh", "sampling", "scene", "method", "far", "casters"]
+    order = [*ground, "light", "bvh", "receivers", "sampling", "scene", "method", "far", "casters"]
     order += ["maps", "textures", "adaptive", "methods", "render", "python"]
     floor = {name: i for i, name in enumerate(order)}
     # `simd` hands kernels over to others; `memory` and `error` know each other's types.

@@ -54,13 +54,13 @@ fn all_axes<S: Simd>(simd: S, tree: &Wide, packet: &Packet, active: u16, stack: 
 }
 
 /// What the tests need of segments whose longest axis is this one.
-struct Segments<'a, S: Simd, const AXIS: usize> {
-    packet: &'a Packet,
-    rays: Rays<S, AXIS>,
+pub(super) struct Segments<'a, S: Simd, const AXIS: usize> {
+    pub(super) packet: &'a Packet,
+    pub(super) rays: Rays<S, AXIS>,
     /// The same as `rays`, to take one segment of it.
     origin: [Row; 3],
     shear: [Row; 2],
-    length: Row,
+    pub(super) length: Row,
     /// For each axis what boxes' lower and upper sides are measured from: origins moved up and down by the slack.
     from: [[Row; 2]; 3],
     inverse: [Row; 3],
@@ -68,7 +68,7 @@ struct Segments<'a, S: Simd, const AXIS: usize> {
 
 impl<'a, S: Simd, const AXIS: usize> Segments<'a, S, AXIS> {
     #[inline(always)]
-    fn new(simd: S, packet: &'a Packet, active: u16) -> Self {
+    pub(super) fn new(simd: S, packet: &'a Packet, active: u16) -> Self {
         let slack = box_slack(packet, active);
         let rays = prepare::<S, AXIS>(simd, packet);
         let mut out = Segments {
@@ -183,14 +183,14 @@ fn traverse<S: Simd, const AXIS: usize>(
 
 /// Whether so many segments are better taken together, for each of `count` boxes or triangles.
 #[inline(always)]
-fn together(mask: u16, count: u32) -> bool {
+pub(super) fn together(mask: u16, count: u32) -> bool {
     let (segments, children) = SEGMENTS_A_CHILD;
     mask.count_ones() * children > count * segments
 }
 
 /// Segments that may enter each child's box, and the children that any may enter.
 #[inline(always)]
-fn meet_node<S: Simd, const AXIS: usize>(
+pub(super) fn meet_node<S: Simd, const AXIS: usize>(
     simd: S,
     node: &Node,
     segments: &Segments<'_, S, AXIS>,
@@ -260,7 +260,7 @@ fn load<S: Simd>(simd: S, lanes: &[f32; WIDTH]) -> f32x8<S> {
 }
 
 #[inline(always)]
-fn splat<S: Simd>(simd: S, row: &Row, lane: usize) -> f32x8<S> {
+pub(super) fn splat<S: Simd>(simd: S, row: &Row, lane: usize) -> f32x8<S> {
     f32x8::splat(simd, row.0[lane])
 }
 
@@ -345,7 +345,7 @@ fn meet_alone<S: Simd, const AXIS: usize>(
 
 /// A corner of all triangles, sheared for one segment.
 #[inline(always)]
-fn corner<S: Simd, const AXIS: usize>(
+pub(super) fn corner<S: Simd, const AXIS: usize>(
     simd: S,
     pack: &Pack,
     corner: usize,

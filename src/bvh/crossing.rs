@@ -15,25 +15,6 @@ use super::tree::{Node, Tree};
 use super::{SphereBvh, TriangleBvh};
 use crate::geometry::Sphere;
 
-/// Transmittance of the segment through triangles, `through[i]` each.
-pub fn through_triangles(
-    bvh: &TriangleBvh,
-    through: &[f32],
-    from: Vec3,
-    to: Vec3,
-    stack: &mut Stack,
-) -> f32 {
-    let mut crossed = Crossed::default();
-    let shear = Shear::new(from, to);
-    visit(&bvh.tree, from, to, stack, |i| {
-        if shear.crosses(&bvh.corners[i], from, to) {
-            crossed.add(through[i], 1);
-        }
-        1.0
-    });
-    crossed.product()
-}
-
 /// The first triangle that the segment crosses, of [`TriangleBvh::faces`], and the part of the segment before it.
 pub fn first_triangle(
     bvh: &TriangleBvh,
@@ -43,7 +24,7 @@ pub fn first_triangle(
 ) -> Option<(f64, u32)> {
     let shear = Shear::new(from, to);
     let mut first = (1.0, None);
-    visit(&bvh.tree, from, to, stack, |i| {
+    visit(&bvh.tree, from, to, &mut stack.nodes, |i| {
         if let Some([start, end]) = shear.sides(&bvh.corners[i], from, to) {
             let t = start / (start - end);
             if t <= first.0 {
@@ -57,9 +38,10 @@ pub fn first_triangle(
 
 /// Transmittance of the segment through spheres: each surface that it enters or leaves counts.
 pub fn through_spheres(bvh: &SphereBvh, from: Vec3, to: Vec3, stack: &mut Stack) -> f32 {
-    let mut crossed = Crossed::default();
+    let [crossed, ..] = &mut stack.crossed;
+    crossed.clear();
     let (o, end) = (from.as_dvec3(), to.as_dvec3());
-    visit(&bvh.tree, from, to, stack, |i| {
+    visit(&bvh.tree, from, to, &mut stack.nodes, |i| {
         let crossings = sphere_crossings(&bvh.spheres[i], o, end);
         if crossings > 0 {
             crossed.add(bvh.transmittance[i], crossings);
@@ -90,55 +72,40 @@ pub(crate) fn sphere_crossings(s: &Sphere, from: DVec3, to: DVec3) -> i32 {
 }
 
 /// Crossings counted by transmittance, so that their product does not depend on the order in which a tree
-/// gives them. Scenes have few opacities; those beyond [`Crossed::KINDS`] are multiplied as they come.
-struct Crossed {
-    kinds: [(f32, i32); Self::KINDS],
-    used: usize,
-    others: f64,
-}
-
-impl Default for Crossed {
-    fn default() -> Self {
-        Crossed {
-            kinds: [(1.0, 0); Self::KINDS],
-            used: 0,
-            others: 1.0,
-        }
-    }
-}
+/// gives them. Scenes have few opacities.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Crossed(Vec<(f32, i32)>);
 
 impl Crossed {
-    const KINDS: usize = 8;
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
 
-    fn add(&mut self, through: f32, crossings: i32) {
-        let known = self.kinds[..self.used]
-            .iter_mut()
-            .find(|(t, _)| *t == through);
-        if let Some((_, count)) = known {
-            *count += crossings;
-        } else if self.used < Self::KINDS {
-            self.kinds[self.used] = (through, crossings);
-            self.used += 1;
-        } else {
-            self.others *= f64::from(through).powi(crossings);
+    #[inline(always)]
+    pub(super) fn add(&mut self, through: f32, crossings: i32) {
+        match self.0.iter_mut().find(|(t, _)| *t == through) {
+            Some((_, count)) => *count += crossings,
+            None => self.0.push((through, crossings)),
         }
     }
 
-    fn product(&mut self) -> f32 {
-        let kinds = &mut self.kinds[..self.used];
-        kinds.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let product: f64 = kinds
-            .iter()
-            .map(|&(t, count)| f64::from(t).powi(count))
-            .product();
-        (product * self.others) as f32
+    pub(super) fn product(&mut self) -> f32 {
+        self.0.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let power = |&(t, count): &(f32, i32)| f64::from(t).powi(count);
+        self.0.iter().map(power).product::<f64>() as f32
     }
 }
 
 /// Calls `test` with every primitive whose box the segment may enter; it returns up to which part of the segment
 /// the others still matter. Inlined, so that a limit that stays 1 costs nothing.
 #[inline(always)]
-fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl FnMut(usize) -> f64) {
+fn visit(
+    tree: &Tree,
+    from: Vec3,
+    to: Vec3,
+    nodes: &mut Vec<u32>,
+    mut test: impl FnMut(usize) -> f64,
+) {
     if tree.nodes.is_empty() {
         return;
     }
@@ -152,7 +119,6 @@ fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl Fn
         let high = (Vec3::from(node.max).as_dvec3() + slack - o) * inverse;
         low.min(high).max_element().max(0.0) <= low.max(high).min_element().min(limit)
     };
-    let nodes = &mut stack.nodes;
     nodes.clear();
     nodes.push(0);
     while let Some(i) = nodes.pop() {
@@ -171,14 +137,14 @@ fn visit(tree: &Tree, from: Vec3, to: Vec3, stack: &mut Stack, mut test: impl Fn
 }
 
 /// The shear that lays a segment along one axis.
-struct Shear {
+pub(super) struct Shear {
     origin: DVec3,
     axes: [usize; 3],
     slope: DVec2,
 }
 
 impl Shear {
-    fn new(from: Vec3, to: Vec3) -> Self {
+    pub(super) fn new(from: Vec3, to: Vec3) -> Self {
         let d = to.as_dvec3() - from.as_dvec3();
         let size = d.abs();
         let axis = if size.z >= size.x && size.z >= size.y {
@@ -204,7 +170,7 @@ impl Shear {
 
     /// Whether the segment crosses the triangle: passes through it, with its ends strictly on
     /// different sides.
-    fn crosses(&self, corners: &[Vec3; 3], from: Vec3, to: Vec3) -> bool {
+    pub(super) fn crosses(&self, corners: &[Vec3; 3], from: Vec3, to: Vec3) -> bool {
         self.sides(corners, from, to).is_some()
     }
 

@@ -4,8 +4,10 @@
 //! - [`packet`]: sixteen segments, and whether one passes through a triangle;
 //! - [`any_hit`]: which of sixteen segments are blocked by opaque triangles, by a tree with eight children a node (`wide`);
 //! - `grown`: the same tree with boxes that grow along the segments, for what lies around them;
-//! - [`crossing`]: how many times one segment crosses each surface, exactly, for transmittance, and which first;
+//! - [`crossing`]: how many times one segment crosses each surface, exactly, and which first; `through`: sixteen segments'
+//!   transmittance by the same crossings, most of which single precision tells;
 //! - `pyramid`: the triangles in a convex region next to a point;
+//! - [`seen`]: what a camera sees;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers; [`edge_faces`]: the triangles at them.
 //!
 //! A segment from a receiver to a light point is blocked where it passes through a triangle and its
@@ -21,6 +23,8 @@ pub(crate) mod grown;
 pub mod outline;
 pub mod packet;
 pub(crate) mod pyramid;
+pub mod seen;
+mod through;
 pub mod tree;
 mod wide;
 
@@ -118,6 +122,8 @@ pub struct Occluders {
     pub opaque: TriangleBvh,
     /// Triangles of opacity below 1, and `1 - opacity` of each in the order of the leaves.
     pub transparent: Option<(TriangleBvh, Vec<f32>)>,
+    /// Triangles that cast nothing, and are seen all the same.
+    pub others: Option<TriangleBvh>,
     /// Spheres of any opacity.
     pub spheres: Option<SphereBvh>,
 }
@@ -125,12 +131,12 @@ pub struct Occluders {
 impl Occluders {
     /// Builds the hierarchies.
     pub fn new(geometry: &Geometry) -> Self {
-        let (mut opaque, mut transparent) = (Vec::new(), Vec::new());
+        let (mut opaque, mut transparent, mut others) = (Vec::new(), Vec::new(), Vec::new());
         for mesh in &geometry.meshes {
             let material = geometry.material(mesh.entry);
             let range = mesh.first_face..mesh.first_face + mesh.faces;
             match (material.casts, material.opacity) {
-                (false, _) | (_, 0.0) => {}
+                (false, _) | (_, 0.0) => others.extend(range),
                 (true, 1.0) => opaque.extend(range),
                 _ => transparent.extend(range),
             }
@@ -143,6 +149,7 @@ impl Occluders {
         Occluders {
             opaque: TriangleBvh::new(geometry, &opaque),
             transparent,
+            others: (!others.is_empty()).then(|| TriangleBvh::new(geometry, &others)),
             spheres: sphere_bvh(geometry),
         }
     }
@@ -156,8 +163,17 @@ impl Occluders {
                 let through = face_transmittance(geometry, &bvh.faces);
                 (bvh, through)
             }),
+            others: self.others.as_ref().map(|bvh| bvh.refitted(geometry)),
             spheres: sphere_bvh(geometry),
         }
+    }
+
+    /// The hierarchies over triangles; together they hold all of a scene.
+    pub fn triangles(&self) -> impl Iterator<Item = &TriangleBvh> {
+        let transparent = self.transparent.as_ref().map(|(bvh, _)| bvh);
+        std::iter::once(&self.opaque)
+            .chain(transparent)
+            .chain(&self.others)
     }
 
     /// Transmittance of up to sixteen segments: `out[i]` for every bit `i` of `active`.
@@ -168,22 +184,18 @@ impl Occluders {
         stack: &mut Stack,
         out: &mut [f32; crate::simd::LANES],
     ) {
-        let mut open = active & !any_hit::blocked(&self.opaque, packet, active, stack);
-        out.fill(0.0);
-        while open != 0 {
-            let lane = open.trailing_zeros() as usize;
-            open &= open - 1;
-            let mut value = 1.0;
-            if self.transparent.is_some() || self.spheres.is_some() {
+        let open = active & !any_hit::blocked(&self.opaque, packet, active, stack);
+        for (lane, out) in out.iter_mut().enumerate() {
+            *out = f32::from(open >> lane & 1);
+        }
+        if let Some((bvh, through)) = &self.transparent {
+            through::triangles(bvh, through, packet, open, stack, out);
+        }
+        if let Some(spheres) = &self.spheres {
+            for (lane, out) in out.iter_mut().enumerate().filter(|(_, out)| **out > 0.0) {
                 let (from, to) = (packet.origin(lane), packet.target(lane));
-                if let Some((bvh, through)) = &self.transparent {
-                    value *= crossing::through_triangles(bvh, through, from, to, stack);
-                }
-                if let Some(spheres) = &self.spheres {
-                    value *= crossing::through_spheres(spheres, from, to, stack);
-                }
+                *out *= crossing::through_spheres(spheres, from, to, stack);
             }
-            out[lane] = value;
         }
     }
 
@@ -205,6 +217,7 @@ impl Occluders {
         let spheres = self.spheres.as_ref();
         self.opaque.bytes()
             + transparent.map_or(0, |(bvh, through)| bvh.bytes() + 4 * through.len())
+            + self.others.as_ref().map_or(0, TriangleBvh::bytes)
             + spheres.map_or(0, |s| {
                 s.tree.bytes() + s.spheres.len() * (size_of::<Sphere>() + 4)
             })

@@ -17,6 +17,7 @@ use fearless_simd::{f32x16, prelude::*};
 use glam::Vec3;
 use robust::{Coord3D, orient3d};
 
+use super::crossing::Crossed;
 use crate::simd::{LANES, Lanes, Row};
 
 /// By how much boxes are widened, times the largest coordinate. A sheared vertex is off by up to 6
@@ -43,6 +44,8 @@ pub struct Stack {
     pub(super) nodes: Vec<u32>,
     /// What blocked a segment last, where it did: the next ones are likely to meet it, too.
     pub(super) blocker: Option<u32>,
+    /// What each segment of a packet has crossed.
+    pub(super) crossed: [Crossed; LANES],
 }
 
 impl Stack {
@@ -202,7 +205,7 @@ pub(super) fn sheared<S: Simd, V: Lanes<S>>(v: [V; 3], origin: [V; 3], shear: [V
 
 /// Largest of three absolute values.
 #[inline(always)]
-fn largest<S: Simd, V: Lanes<S>>(a: V, b: V, c: V) -> V {
+pub(super) fn largest<S: Simd, V: Lanes<S>>(a: V, b: V, c: V) -> V {
     a.abs().greater(b.abs()).greater(c.abs())
 }
 

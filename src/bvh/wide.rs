@@ -111,6 +111,8 @@ pub(super) struct Wide {
     /// Empty when there are no triangles.
     pub(super) nodes: Vec<Node>,
     pub(super) packs: Vec<Pack>,
+    /// Where the triangles of each pack start in the order of the binary tree's leaves.
+    pub(super) firsts: Vec<u32>,
 }
 
 impl Wide {
@@ -153,8 +155,13 @@ impl Wide {
             }
         }
         let pack = |range: std::ops::Range<usize>| Pack::new(&corners[range]);
+        let firsts = leaves.iter().map(|range| range.start as u32).collect();
         let packs = leaves.into_par_iter().map(pack).collect();
-        Wide { nodes, packs }
+        Wide {
+            nodes,
+            packs,
+            firsts,
+        }
     }
 
     /// Asks for a child before it is needed.
@@ -167,9 +174,9 @@ impl Wide {
         }
     }
 
-    /// Bytes of nodes and packs.
+    /// Bytes of all of it.
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(&self.nodes[..]) + size_of_val(&self.packs[..])
+        size_of_val(&self.nodes[..]) + size_of_val(&self.packs[..]) + size_of_val(&self.firsts[..])
     }
 }
 

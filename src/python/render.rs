@@ -277,7 +277,8 @@ impl Ready {
         // Announced before anything is known of the picture, so that the finished fraction only grows.
         let most = most_groups(&camera);
         control.expect(tile_count(&camera) + most * (1 + lights));
-        let (surface, receivers) = from_camera(geometry, &camera, control)?;
+        let (surface, receivers) =
+            from_camera(geometry, geometry.built_occluders(), &camera, control)?;
         let receivers_seconds = start.elapsed().as_secs_f64();
         control.advance(lights * (most - receivers.group_count()));
         let mut shadings = Vec::with_capacity(lights);

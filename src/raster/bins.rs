@@ -101,7 +101,7 @@ pub(super) fn items<S: Sink>(
         .par_chunks(CHUNK)
         .enumerate()
         .map_init(
-            || (Vec::new(), small::TriangleBatch::new()),
+            || (Vec::new(), small::TriangleBatch::<{ small::BLOCK }>::new()),
             |(pairs, block), (c, faces)| {
                 control.check()?;
                 pairs.clear();

@@ -4,6 +4,7 @@
 //!   by triangle, to a [`Sink`] of the caller's choice;
 //! - `bins`: which triangles reach into each tile;
 //! - `small`: the pixels of triangles that cover a few, found where they are binned;
+//! - [`leaf`]: triangles that a hierarchy gives, a leaf at a time, drawn into a tile;
 //! - [`setup`]: from a triangle in space to edge functions in the image, and `depth`, its depth plane there;
 //! - [`nearest`]: the sink that keeps the nearest triangle a pixel;
 //! - [`coverage`]: the pixels that triangles cover, row by row, for hard shadows that need no depth.
@@ -16,6 +17,7 @@
 mod bins;
 pub mod coverage;
 mod depth;
+pub(crate) mod leaf;
 pub mod nearest;
 pub mod setup;
 mod small;
@@ -236,7 +238,7 @@ pub fn cover_projected<S: Cover>(
 }
 
 /// Makes every tile's sink and lets `draw(number, tile, sink)` draw into it.
-fn each_tile<S: Send>(
+pub(crate) fn each_tile<S: Send>(
     camera: &Camera,
     control: &Control,
     make: impl Fn(Tile) -> S + Sync,
@@ -325,16 +327,34 @@ fn fill_lanes<S: Simd>(
 ) {
     for &Item { triangle, .. } in items {
         let face = &faces[triangle as usize];
-        if setup::is_in_front(face, points) {
-            if let Some(setup) = setup::triangle(face, points, camera) {
-                sink.surface(triangle, &setup);
-                fill_one(simd, &setup, triangle, tile, sink);
-            }
-        } else {
-            for setup in setup::clipped(face, points, camera).iter().flatten() {
-                sink.surface(triangle, setup);
-                fill_one(simd, setup, triangle, tile, sink);
-            }
+        let corners = face.map(|v| points[v as usize]);
+        fill_whole(simd, face, &corners, triangle, camera, tile, sink);
+    }
+}
+
+/// Sets up and fills a triangle, by its projected corners.
+#[inline(always)]
+fn fill_whole<S: Simd>(
+    simd: S,
+    face: &[u32; 3],
+    corners: &[DVec3; 3],
+    triangle: u32,
+    camera: &Camera,
+    tile: Tile,
+    sink: &mut dyn Sink,
+) {
+    if corners.iter().all(|p| p.z >= setup::NEAR) {
+        if let Some(setup) = setup::triangle(corners, camera) {
+            sink.surface(triangle, &setup);
+            fill_one(simd, &setup, triangle, tile, sink);
+        }
+    } else {
+        for setup in setup::clipped_corners(face, corners, camera)
+            .iter()
+            .flatten()
+        {
+            sink.surface(triangle, setup);
+            fill_one(simd, setup, triangle, tile, sink);
         }
     }
 }

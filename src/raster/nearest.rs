@@ -1,4 +1,4 @@
-//! The sink that keeps the nearest triangle of every pixel.
+//! The sink that keeps the nearest triangle of every pixel, in whatever order triangles come.
 
 use super::{SPAN, Sink, Tile};
 
@@ -16,6 +16,26 @@ pub struct Nearest {
 }
 
 impl Nearest {
+    /// Whether a triangle's surface is to be kept at a place: it is nearer than what is there, or as near and the first.
+    #[inline(always)]
+    fn wins(&self, at: usize, inverse_depth: f64, triangle: u32) -> bool {
+        let kept = self.inverse_depth[at];
+        inverse_depth > kept || (inverse_depth == kept && triangle < self.triangle[at])
+    }
+
+    /// Whether all pixels in these columns and rows of the tile show something nearer than an inverse depth.
+    #[inline(always)]
+    pub(crate) fn hides(&self, low: [u32; 2], high: [u32; 2], inverse_depth: f64) -> bool {
+        let width = self.tile.width as usize;
+        let rows = self.inverse_depth[low[1] as usize * width..].chunks(width);
+        // Free of branches in a row, for the compiler's vectoriser.
+        rows.take((high[1] - low[1] + 1) as usize).all(|row| {
+            let row = &row[low[0] as usize..=high[0] as usize];
+            row.iter()
+                .fold(true, |hides, &kept| hides & (kept > inverse_depth))
+        })
+    }
+
     /// An empty tile.
     pub fn new(tile: Tile) -> Self {
         let n = (tile.width * tile.height) as usize;
@@ -35,7 +55,7 @@ impl Sink for Nearest {
     #[inline(always)]
     fn pixel(&mut self, x: u32, y: u32, inverse_depth: f64, triangle: u32) {
         let at = ((y - self.tile.y) * self.tile.width + (x - self.tile.x)) as usize;
-        if inverse_depth > self.inverse_depth[at] {
+        if self.wins(at, inverse_depth, triangle) {
             self.inverse_depth[at] = inverse_depth;
             self.triangle[at] = triangle;
         }
@@ -49,7 +69,8 @@ impl Sink for Nearest {
             let kept = &mut self.inverse_depth[first..first + SPAN];
             let ids = &mut self.triangle[first..first + SPAN];
             for i in 0..SPAN {
-                let nearer = inverse_depth[i] > kept[i];
+                let same = (inverse_depth[i] == kept[i]) & (triangle < ids[i]);
+                let nearer = (inverse_depth[i] > kept[i]) | same;
                 kept[i] = if nearer { inverse_depth[i] } else { kept[i] };
                 ids[i] = if nearer { triangle } else { ids[i] };
             }
@@ -59,7 +80,7 @@ impl Sink for Nearest {
         while left != 0 {
             let i = left.trailing_zeros() as usize;
             left &= left - 1;
-            if inverse_depth[i] > self.inverse_depth[first + i] {
+            if self.wins(first + i, inverse_depth[i], triangle) {
                 self.inverse_depth[first + i] = inverse_depth[i];
                 self.triangle[first + i] = triangle;
             }

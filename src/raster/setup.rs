@@ -389,9 +389,8 @@ pub fn is_in_front(face: &[u32; 3], points: &[DVec3]) -> bool {
 
 /// Sets up a triangle in front of the near plane, if it can cover a pixel's centre.
 #[inline(always)]
-pub fn triangle(face: &[u32; 3], points: &[DVec3], camera: &Camera) -> Option<Setup> {
-    let corners = face.map(|v| points[v as usize]);
-    one(corners, depth::plane(&corners), camera)
+pub fn triangle(corners: &[DVec3; 3], camera: &Camera) -> Option<Setup> {
+    one(*corners, depth::plane(corners), camera)
 }
 
 /// Clips a triangle at the near plane and sets up what can cover a pixel's centre.

@@ -10,11 +10,11 @@
 use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
-use super::SPAN;
 use super::depth::Depth;
 use super::setup::{self, BlockShape, SHAPES};
+use super::{SPAN, Tile};
 use crate::camera::Camera;
-use crate::simd::{detect, positive};
+use crate::simd::{detect, positive, whole};
 
 /// Triangles that are looked at together.
 pub(super) const BLOCK: usize = 64;
@@ -25,7 +25,29 @@ const MOST: i32 = 2 * SPAN as i32;
 /// Largest coordinate in the image of a corner that is looked at here: products of two are far from overflow.
 const FARTHEST: f64 = (1u64 << 40) as f64;
 
-type Column<T> = [T; BLOCK];
+/// The columns and rows of the image in which pixels are looked for: the first of each, and the end.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Window {
+    low: [i32; 2],
+    end: [i32; 2],
+}
+
+impl Window {
+    /// A camera's whole image.
+    pub(super) fn image(camera: &Camera) -> Self {
+        Window {
+            low: [0; 2],
+            end: [camera.width as i32, camera.height as i32],
+        }
+    }
+
+    /// A part of the image.
+    pub(super) fn tile(tile: Tile) -> Self {
+        let low = [tile.x as i32, tile.y as i32];
+        let end = [low[0] + tile.width as i32, low[1] + tile.height as i32];
+        Window { low, end }
+    }
+}
 
 /// What a triangle covers: no pixel's centre.
 const NOTHING: u8 = 0;
@@ -68,7 +90,9 @@ impl Iterator for FewPixels {
     fn next(&mut self) -> Option<[u32; 2]> {
         let i = self.mask.trailing_zeros();
         self.mask &= self.mask.wrapping_sub(1);
-        let (x, y) = (i % self.shape.columns, i / self.shape.columns);
+        // Rows have a power of two.
+        let shift = self.shape.columns.trailing_zeros();
+        let (x, y) = (i & (self.shape.columns - 1), i >> shift);
         (i < u16::BITS).then_some([self.low[0] + x, self.low[1] + y])
     }
 }
@@ -77,63 +101,99 @@ impl Iterator for FewPixels {
 #[inline(always)]
 pub(super) fn on_screen(p: DVec3) -> [f64; 2] {
     let q = [p.x / p.z, p.y / p.z];
-    if p.z >= setup::NEAR && q[0].abs() <= FARTHEST && q[1].abs() <= FARTHEST {
-        q
-    } else {
-        [f64::NAN; 2]
-    }
+    // Without branches, for loops over registers.
+    let known = (p.z >= setup::NEAR) & (q[0].abs() <= FARTHEST) & (q[1].abs() <= FARTHEST);
+    q.map(|x| if known { x } else { f64::NAN })
 }
 
-/// Triangles that are looked at together, and what is found.
-pub(super) struct TriangleBatch {
-    x: [Column<f64>; 3],
-    y: [Column<f64>; 3],
+/// `N` triangles that are looked at together, and what is found.
+pub(super) struct TriangleBatch<const N: usize> {
+    x: [[f64; N]; 3],
+    y: [[f64; N]; 3],
     /// First column and row, and the last.
-    low: [Column<i32>; 2],
-    high: [Column<i32>; 2],
+    low: [[i32; N]; 2],
+    high: [[i32; N]; 2],
     /// Pixels, as they lie in the shape for their width.
-    mask: Column<u16>,
-    what: Column<u8>,
+    mask: [u16; N],
+    what: [u8; N],
     /// For triangles of few pixels, their place in the columns that follow.
-    place: Column<u8>,
+    place: [u8; N],
     /// Projected corners.
-    corners: [[Column<f64>; 3]; 3],
-    depth: [Depth; BLOCK],
+    corners: [[[f64; N]; 3]; 3],
+    depth: [Depth; N],
 }
 
-impl TriangleBatch {
+impl<const N: usize> TriangleBatch<N> {
     pub(super) fn new() -> Self {
         TriangleBatch {
-            x: [[f64::NAN; BLOCK]; 3],
-            y: [[f64::NAN; BLOCK]; 3],
-            low: [[0; BLOCK]; 2],
-            high: [[0; BLOCK]; 2],
-            mask: [0; BLOCK],
-            what: [NOTHING; BLOCK],
-            place: [0; BLOCK],
-            corners: [[[1.0; BLOCK]; 3]; 3],
-            depth: [Depth::default(); BLOCK],
+            x: [[f64::NAN; N]; 3],
+            y: [[f64::NAN; N]; 3],
+            low: [[0; N]; 2],
+            high: [[0; N]; 2],
+            mask: [0; N],
+            what: [NOTHING; N],
+            place: [0; N],
+            corners: [[[1.0; N]; 3]; 3],
+            depth: [Depth::default(); N],
         }
     }
 
-    /// Looks at up to [`BLOCK`] triangles, whose vertices are at `screen` ([`on_screen`]).
+    /// Looks at triangles by their corners, in columns for each corner and axis.
+    #[inline(always)]
+    pub(super) fn look_at<S: Simd>(
+        &mut self,
+        simd: S,
+        corners: &[[[f32; N]; 3]; 3],
+        camera: &Camera,
+        window: Window,
+    ) {
+        // A copy, which nothing that is written can change; and short loops, for the compiler's vectoriser.
+        let camera = *camera;
+        for (k, corner) in corners.iter().enumerate() {
+            let mut p = [[0.0; N]; 3];
+            for (p, corner) in p.iter_mut().zip(corner) {
+                for (p, &x) in p.iter_mut().zip(corner) {
+                    *p = f64::from(x);
+                }
+            }
+            for i in 0..N {
+                let q = camera.project(DVec3::new(p[0][i], p[1][i], p[2][i]));
+                (p[0][i], p[1][i], p[2][i]) = (q.x, q.y, q.z);
+            }
+            for i in 0..N {
+                let q = DVec3::new(p[0][i], p[1][i], p[2][i]);
+                [self.x[k][i], self.y[k][i]] = on_screen(q);
+            }
+            self.corners[k] = p;
+        }
+        look_lanes(simd, self, window);
+    }
+
+    /// The projected corners of triangle `i`.
+    #[inline(always)]
+    pub(super) fn corners(&self, i: usize) -> [DVec3; 3] {
+        let [a, b, c] = &self.corners;
+        [a, b, c].map(|[x, y, z]| DVec3::new(x[i], y[i], z[i]))
+    }
+
+    /// Looks at up to `N` triangles, whose vertices are at `screen` ([`on_screen`]).
     pub(super) fn look(&mut self, faces: &[[u32; 3]], screen: &[[f64; 2]], camera: &Camera) {
         // `take` says to the compiler that no block is longer, which then leaves out checks of `i`.
-        for (i, face) in faces.iter().enumerate().take(BLOCK) {
+        for (i, face) in faces.iter().enumerate().take(N) {
             for (corner, &v) in face.iter().enumerate() {
                 [self.x[corner][i], self.y[corner][i]] = screen[v as usize];
             }
         }
-        let (block, size) = (self, [camera.width as i32, camera.height as i32]);
-        dispatch!(detect(), simd => look_lanes(simd, block, size));
+        let (block, window) = (self, Window::image(camera));
+        dispatch!(detect(), simd => look_lanes(simd, block, window));
     }
 
     /// Finds the depth of the triangles of few pixels, of those that [`TriangleBatch::look`] was given.
     pub(super) fn find_depth(&mut self, faces: &[[u32; 3]], points: &[DVec3]) {
-        let (mut few, mut count) = ([0; BLOCK], 0);
+        let (mut few, mut count) = ([0; N], 0);
         for (i, &what) in self.what.iter().enumerate().take(faces.len()) {
             self.place[i] = count as u8;
-            few[count % BLOCK] = i;
+            few[count % N] = i;
             count += usize::from(what == FEW);
         }
         for (k, &i) in few.iter().enumerate().take(count) {
@@ -149,7 +209,7 @@ impl TriangleBatch {
     /// What triangle `i` covers.
     #[inline(always)]
     pub(super) fn covered(&self, i: usize) -> Covered {
-        let corner = |at: &[Column<i32>; 2]| [at[0][i] as u32, at[1][i] as u32];
+        let corner = |at: &[[i32; N]; 2]| [at[0][i] as u32, at[1][i] as u32];
         let (low, high) = (corner(&self.low), corner(&self.high));
         match self.what[i] {
             NOTHING => Covered::Nothing,
@@ -179,7 +239,7 @@ impl TriangleBatch {
         let [x, y] = [self.low[0][i] as u32, self.low[1][i] as u32];
         let [columns, rows] = [0, 1].map(|k| (self.high[k][i] - self.low[k][i] + 1) as u32);
         let shape = shape_of(columns);
-        let in_block = SPAN as u32 / shape.columns;
+        let in_block = SPAN as u32 >> shape.columns.trailing_zeros();
         let mut found = 0u16;
         for half in 0..2 {
             let done = half * in_block;
@@ -237,28 +297,32 @@ fn at(from: [f64; 2], along: [f64; 2], p: [f64; 2]) -> (f64, f64) {
     (value, value.abs() - doubt)
 }
 
-/// The first of `size` pixels with its centre at `low` or after it and the last with its centre at `high` or before, as
-/// [`setup::PixelBounds`] has them.
+/// The first pixel, of those from `start` to `end`, with its centre at `low` or after it and the last with its centre at
+/// `high` or before, as [`setup::PixelBounds`] has them.
 #[inline(always)]
-fn centres(low: f64, high: f64, size: i32) -> (i32, i32) {
-    let within = |x: f64| (x - 0.5).clamp(-1.0, f64::from(size));
+fn centres(low: f64, high: f64, start: i32, end: i32) -> (i32, i32) {
+    let within = |x: f64| {
+        let x = setup::smaller(x - 0.5, f64::from(end));
+        -setup::smaller(-x, f64::from(1 - start))
+    };
     let (low, high) = (within(low), within(high));
-    let (first, last) = (low as i32, high as i32);
-    let first = first + i32::from(f64::from(first) < low);
-    let last = last - i32::from(f64::from(last) > high);
-    (first.max(0), last.min(size - 1))
+    let ((near_low, first), (near_high, last)) = (whole(low), whole(high));
+    let first = first + i32::from(near_low < low);
+    let last = last - i32::from(near_high > high);
+    (first.max(start), last.min(end - 1))
 }
 
 /// The first loop is free of branches, for the compiler's vectoriser.
 #[inline(always)]
-fn look_lanes<S: Simd>(simd: S, block: &mut TriangleBatch, size: [i32; 2]) {
-    for i in 0..BLOCK {
+fn look_lanes<S: Simd, const N: usize>(simd: S, block: &mut TriangleBatch<N>, window: Window) {
+    let Window { low, end } = window;
+    for i in 0..N {
         let x = [block.x[0][i], block.x[1][i], block.x[2][i]];
         let y = [block.y[0][i], block.y[1][i], block.y[2][i]];
         let least = |v: [f64; 3]| setup::smaller(setup::smaller(v[0], v[1]), v[2]);
         let most = |v: [f64; 3]| -setup::smaller(setup::smaller(-v[0], -v[1]), -v[2]);
-        let (first_x, last_x) = centres(least(x), most(x), size[0]);
-        let (first_y, last_y) = centres(least(y), most(y), size[1]);
+        let (first_x, last_x) = centres(least(x), most(x), low[0], end[0]);
+        let (first_y, last_y) = centres(least(y), most(y), low[1], end[1]);
         let (columns, rows) = (last_x - first_x + 1, last_y - first_y + 1);
         // Of a triangle with one pixel in its bounds, all is found here.
         let p = [f64::from(first_x) + 0.5, f64::from(first_y) + 0.5];
@@ -293,7 +357,7 @@ fn look_lanes<S: Simd>(simd: S, block: &mut TriangleBatch, size: [i32; 2]) {
         (block.high[0][i], block.high[1][i]) = (last_x, last_y);
         block.mask[i] = u16::from(one);
     }
-    for i in 0..BLOCK {
+    for i in 0..N {
         if block.what[i] == FEW && block.mask[i] == 0 {
             block.find(simd, i);
         }
@@ -302,11 +366,9 @@ fn look_lanes<S: Simd>(simd: S, block: &mut TriangleBatch, size: [i32; 2]) {
 
 /// Free of branches, for the compiler's vectoriser.
 #[inline(always)]
-fn depth_lanes(block: &mut TriangleBatch, count: usize) {
-    let [a, b, c] = &block.corners;
-    let at = |[x, y, z]: &[Column<f64>; 3], k: usize| DVec3::new(x[k], y[k], z[k]);
-    for k in 0..count.min(BLOCK) {
-        block.depth[k] = Depth::new(&[at(a, k), at(b, k), at(c, k)]);
+fn depth_lanes<const N: usize>(block: &mut TriangleBatch<N>, count: usize) {
+    for k in 0..count.min(N) {
+        block.depth[k] = Depth::new(&block.corners(k));
     }
 }
 
@@ -421,7 +483,7 @@ mod tests {
             assert_eq!(drawn::<true>(&points, &faces, &camera), expected);
             assert!(expected.iter().all(|p| f64::from_bits(p.3).is_finite()));
             let screen: Vec<_> = points.iter().map(|&p| on_screen(p)).collect();
-            let mut block = TriangleBatch::new();
+            let mut block = TriangleBatch::<BLOCK>::new();
             for faces in faces.chunks(BLOCK) {
                 block.look(faces, &screen, &camera);
                 let known = |i: usize| matches!(block.covered(i), Covered::Few(..));

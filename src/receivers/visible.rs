@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::pixels::Pixels;
 use super::{BLOCK, Receivers};
+use crate::bvh::{Occluders, seen};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
@@ -61,17 +62,18 @@ pub fn most_groups(camera: &Camera) -> usize {
     (camera.width.div_ceil(BLOCK) * camera.height.div_ceil(BLOCK)) as usize
 }
 
-/// Finds what a camera (in local coordinates) sees, and the receivers there: a step a tile, and a step for
-/// each of [`most_groups`].
+/// Finds what a camera (in local coordinates) sees, by the hierarchies where they are there, and the receivers there: a
+/// step a tile, and a step for each of [`most_groups`].
 ///
 /// # Errors
 /// [`crate::error::Error::Cancelled`].
 pub fn from_camera(
     geometry: &Geometry,
+    occluders: Option<&Occluders>,
     camera: &Camera,
     control: &Control,
 ) -> Result<(Surface, Receivers)> {
-    let surface = visible_surface(geometry, camera, control)?;
+    let surface = visible_surface(geometry, occluders, camera, control)?;
     // Counted first, so that every block's receivers have their place and are found in parallel.
     let counts: Vec<usize> = (0..most_groups(camera) as u32)
         .into_par_iter()
@@ -175,16 +177,17 @@ fn place(x: u32, y: u32, camera: &Camera) -> usize {
     y as usize * camera.width as usize + x as usize
 }
 
-fn visible_surface(geometry: &Geometry, camera: &Camera, control: &Control) -> Result<Surface> {
-    let faces = &geometry.faces;
-    let tiles = rasterize(
-        &geometry.positions,
-        faces,
-        |_| true,
-        camera,
-        control,
-        Nearest::new,
-    )?;
+fn visible_surface(
+    geometry: &Geometry,
+    occluders: Option<&Occluders>,
+    camera: &Camera,
+    control: &Control,
+) -> Result<Surface> {
+    let (points, faces) = (&geometry.positions, &geometry.faces);
+    let tiles = match occluders {
+        Some(occluders) => seen::nearest(geometry, occluders, camera, control)?,
+        None => rasterize(points, faces, |_| true, camera, control, Nearest::new)?,
+    };
     let (mut depth, mut hit) = (unwritten(camera.pixels()), unwritten(camera.pixels()));
     let width = camera.width as usize;
     let rows_of_tiles = depth

@@ -48,6 +48,11 @@ impl Snapshot {
         })
     }
 
+    /// The hierarchies, if something has asked for them.
+    pub fn built_occluders(&self) -> Option<&Occluders> {
+        self.occluders.get()
+    }
+
     /// The hierarchies over everything that casts; built (or refitted) at the first call.
     pub fn occluders(&self) -> &Occluders {
         self.occluders.get_or_init(|| match &self.inherited {

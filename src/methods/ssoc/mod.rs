@@ -478,7 +478,7 @@ mod tests {
         let camera = Camera::new(intrinsics, pose, DVec3::new(0.0, -0.3, 2.5), 256, 200).unwrap();
         let camera = camera.to_local(&geometry.frame);
         let control = Control::default();
-        let receivers = from_camera(&geometry, &camera, &control).unwrap().1;
+        let receivers = from_camera(&geometry, None, &camera, &control).unwrap().1;
         let method = method(200);
         // Above all, and between the star and the ground, with several views.
         for height in [2.0, 0.3] {

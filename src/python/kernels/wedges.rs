@@ -96,7 +96,7 @@ pub(in crate::python) fn light_intensity<'py>(
         let geometry = scene.snapshot_for(std::slice::from_ref(&light))?;
         let camera = world.to_local(&geometry.frame);
         control.expect(tile_count(&camera) + 2 * most_groups(&camera));
-        let (_, receivers) = from_camera(&geometry, &camera, control)?;
+        let (_, receivers) = from_camera(&geometry, None, &camera, control)?;
         let light = light.to_local(&geometry.frame);
         let cover = method.cover(geometry, &light, &receivers, control)?;
         let mut out = vec![1.0; 2 * camera.pixels()];
