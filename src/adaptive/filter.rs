@@ -13,6 +13,7 @@ use fearless_simd::dispatch;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::surface::{entries, is_one};
 use super::{Estimate, part};
 use crate::control::Control;
 use crate::error::Result;
@@ -31,12 +32,6 @@ const CONFIDENCE: f32 = 0.7;
 /// Squared error of a mean over a window as a multiple of its variance: the largest window whose mean is not yet
 /// seen to be off is off by about half of what its samples vary.
 const BLUR: f32 = 2.0;
-
-/// Least cosine between normals of one surface.
-const ALIKE: f32 = 0.9;
-
-/// Largest part of the distance of two receivers of one surface that is across its tangent plane.
-const ACROSS: f32 = 0.15;
 
 /// Squared error that is left where `n` samples agree, times `n²`.
 const UNSEEN: f32 = 0.05;
@@ -84,21 +79,11 @@ impl<'a> Filter<'a> {
                 |(i, &at): (usize, &u32)| pixels[at as usize].store(i as u32, Ordering::Relaxed);
             receivers.index.par_iter().enumerate().for_each(set);
         }
-        let entries = receivers.faces.par_iter().with_min_len(1024).map_init(
-            || None,
-            |last, &face| {
-                if face == NONE {
-                    NONE
-                } else {
-                    geometry.mesh_after(last, face).entry
-                }
-            },
-        );
         Filter {
             receivers,
             size,
             pixels,
-            entries: entries.collect(),
+            entries: entries(geometry, receivers),
         }
     }
 
@@ -424,8 +409,7 @@ impl Tile {
             }
         }
         for x in 0..SIDE {
-            let near = across[x] * across[x] <= ACROSS * ACROSS * squared[x];
-            let one = (entry[x] == others[x]) & (turned[x] >= ALIKE) & near;
+            let one = (entry[x] == others[x]) & is_one(turned[x], across[x], squared[x]);
             alike[x] = if one { alike[x] } else { 0.0 };
         }
     }
