@@ -162,6 +162,14 @@ impl Prepared for PreparedCounted {
     }
 }
 
+/// Receivers that share their candidate edges.
+struct Group<'a> {
+    receivers: &'a Receivers,
+    ids: &'a [usize],
+    /// Whether these edges are at hand.
+    known: bool,
+}
+
 /// What is found for a receiver.
 #[derive(Debug, Clone, Copy, Default)]
 struct Answer {
@@ -292,48 +300,44 @@ impl PreparedCounted {
             }
             return;
         }
-        let known = found == Found::All;
-        if known || within.is_some() {
+        let group = Group {
+            receivers,
+            ids,
+            known: found == Found::All,
+        };
+        if group.known || within.is_some() {
             s.unshadow(receivers, ids, light.sampler.light());
         }
         match within {
-            Some(within) => self.answer_cells(receivers, ids, known, light, within, s, put),
+            Some(within) => self.answer_cells(&group, light, within, s, put),
             None => {
                 let mut put = |k: usize, answer| put(ids[k], answer);
-                self.answer_each(receivers, ids, 0..ids.len(), known, light, s, &mut put);
+                self.answer_each(&group, 0..ids.len(), light, s, &mut put);
             }
         }
     }
 
-    /// Answers for those receivers of a group that have these numbers; `known`: the group's edges are.
+    /// Answers for those receivers of a group that have these numbers.
     fn answer_each(
         &self,
-        receivers: &Receivers,
-        ids: &[usize],
+        group: &Group,
         numbers: impl Iterator<Item = usize>,
-        known: bool,
         light: &PreparedLight,
         s: &mut Scratch,
         put: &mut impl FnMut(usize, Answer),
     ) {
-        if known {
-            self.count_each(receivers, ids, numbers, light, s, put);
+        if group.known {
+            self.count_each(group, numbers, light, s, put);
         } else {
             for k in numbers {
-                put(k, self.by_rays(receivers, ids[k], k, light, s));
+                put(k, self.by_rays(group, k, light, s));
             }
         }
     }
 
-    /// Traces all samples of receiver `i`, number `k` in the group.
-    fn by_rays(
-        &self,
-        receivers: &Receivers,
-        i: usize,
-        k: usize,
-        light: &PreparedLight,
-        s: &mut Scratch,
-    ) -> Answer {
+    /// Traces all samples of the group's receiver `k`.
+    fn by_rays(&self, group: &Group, k: usize, light: &PreparedLight, s: &mut Scratch) -> Answer {
+        let (receivers, i) = (group.receivers, group.ids[k]);
         let (p, n) = (s.origins[k].as_dvec3(), receivers.normals[i]);
         light.sampler.fill(receivers.index[i], p, n, &mut s.samples);
         let occluders = self.geometry.occluders();
@@ -355,8 +359,7 @@ impl PreparedCounted {
     /// without casters are at hand.
     fn count_each(
         &self,
-        receivers: &Receivers,
-        ids: &[usize],
+        group: &Group,
         numbers: impl Iterator<Item = usize>,
         light: &PreparedLight,
         s: &mut Scratch,
@@ -364,7 +367,7 @@ impl PreparedCounted {
     ) {
         s.pending.clear();
         for k in numbers {
-            let i = ids[k];
+            let index = group.receivers.index[group.ids[k]];
             if s.unshadowed[k][0] == 0.0 {
                 put(k, Answer::default());
                 continue;
@@ -372,11 +375,11 @@ impl PreparedCounted {
             match s
                 .edges
                 .view(k)
-                .map(|view| self.count(receivers.index[i], k, &view, light, s))
+                .map(|view| self.count(index, k, &view, light, s))
             {
                 Some(Counting::Waits(pending)) => s.pending.push(pending),
                 Some(Counting::Nothing) => put(k, Answer::default()),
-                Some(Counting::Unclear) | None => put(k, self.by_rays(receivers, i, k, light, s)),
+                Some(Counting::Unclear) | None => put(k, self.by_rays(group, k, light, s)),
             }
         }
         s.tracer.trace(self.geometry.occluders(), &s.origins);
@@ -403,7 +406,7 @@ impl PreparedCounted {
         });
         for waiting in &doubtful {
             let k = waiting.k;
-            put(k, self.by_rays(receivers, ids[k], k, light, s));
+            put(k, self.by_rays(group, k, light, s));
         }
         s.pending = doubtful;
     }
@@ -485,18 +488,21 @@ struct Counts {
 
 #[inline(always)]
 fn count_lanes<S: Simd>(simd: S, grid: &mut Grid, square: &Square, normal: DVec3) -> Counts {
+    let all_alike = |count: i16, grid: &Grid| Counts {
+        lowest: Level {
+            count,
+            place: grid.middle(),
+        },
+        next: None,
+        share: [1.0; 2],
+    };
+    if !grid.is_changed() {
+        return all_alike(0, grid);
+    }
     let count = grid.count(simd);
     let next = grid.next_level(simd, count);
     if next.is_none() {
-        let lowest = Level {
-            count,
-            place: grid.middle(),
-        };
-        return Counts {
-            lowest,
-            next,
-            share: [1.0; 2],
-        };
+        return all_alike(count, grid);
     }
     let sums = grid.sums(simd, count, square, normal);
     let share = |i: usize| {

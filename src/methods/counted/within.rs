@@ -5,7 +5,7 @@
 //! between the receivers that are asked no test tells. So some groups, spread over the picture, are answered in full first
 //! (*pilots*), and the largest tolerance is taken with which they would have kept the error.
 
-use super::{Answer, PreparedCounted, PreparedLight, Scratch};
+use super::{Answer, Group, PreparedCounted, PreparedLight, Scratch};
 use crate::adaptive::surface::entries;
 use crate::camera::Camera;
 use crate::control::Control;
@@ -92,20 +92,19 @@ impl PreparedCounted {
         )
     }
 
-    /// Asks receivers of a group until the others are told by them; `known`: the group's edges are.
+    /// Asks receivers of a group until the others are told by them.
     pub(super) fn answer_cells(
         &self,
-        receivers: &Receivers,
-        ids: &[usize],
-        known: bool,
+        group: &Group,
         light: &PreparedLight,
         within: &Within,
         s: &mut Scratch,
         put: &mut impl FnMut(usize, Answer),
     ) {
+        let (receivers, ids) = (group.receivers, group.ids);
         let mut cells = std::mem::take(&mut s.cells);
         let mut wanted = std::mem::take(&mut s.wanted);
-        let edges = !known || !s.edges.blocks().is_empty();
+        let edges = !group.known || !s.edges.blocks().is_empty();
         cells.start(receivers, ids, within.columns, &s.unshadowed, edges);
         loop {
             cells.next(receivers, &within.entries, within.tolerance, &mut wanted);
@@ -116,18 +115,12 @@ impl PreparedCounted {
                 cells.set(k, &answer);
                 put(ids[k], answer);
             };
-            let numbers = wanted.iter().copied();
-            self.answer_each(receivers, ids, numbers, known, light, s, &mut take);
+            self.answer_each(group, wanted.iter().copied(), light, s, &mut take);
         }
         for (k, &i) in ids.iter().enumerate() {
             if let Some(sums) = cells.interpolated(k) {
-                put(
-                    i,
-                    Answer {
-                        sums,
-                        by_rays: false,
-                    },
-                );
+                let by_rays = false;
+                put(i, Answer { sums, by_rays });
             }
         }
         (s.cells, s.wanted) = (cells, wanted);
