@@ -13,6 +13,7 @@ use fearless_simd::dispatch;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::surface::{entries, is_one};
 use super::{Estimate, part};
 use crate::control::Control;
 use crate::error::Result;
@@ -31,12 +32,6 @@ const CONFIDENCE: f32 = 0.7;
 /// Squared error of a mean over a window as a multiple of its variance: the largest window whose mean is not yet
 /// seen to be off is off by as much again as its samples vary, and by more in pictures of few pixels.
 const BLUR: f32 = 3.0;
-
-/// Least cosine between normals of one surface.
-const ALIKE: f32 = 0.9;
-
-/// Largest part of the distance of two receivers of one surface that is across its tangent plane.
-const ACROSS: f32 = 0.15;
 
 /// Squared error that is left where `n` samples agree, times `n²`.
 const UNSEEN: f32 = 0.05;
@@ -110,12 +105,13 @@ impl<'a> Filter<'a> {
         estimates: &[Estimate],
         control: &Control,
     ) -> Result<Vec<u32>> {
+        let entries = entries(geometry, self.receivers);
         let find = |surface: &mut Box<Surface>, range: Range<usize>, out: &mut [u32]| {
             if estimates[range.clone()].iter().all(Estimate::is_exact) {
                 return Ok(());
             }
             let corner = self.corner(range.start);
-            surface.set(self, geometry, corner);
+            surface.set(self, &entries, corner);
             dispatch!(detect(), _simd => surface.find());
             for (i, out) in range.zip(out) {
                 *out = surface.pairs[self.in_block(i, corner)];
@@ -301,11 +297,10 @@ impl Default for Surface {
 
 impl Surface {
     /// Takes the block with this first pixel.
-    fn set(&mut self, filter: &Filter, geometry: &Geometry, corner: (usize, usize)) {
+    fn set(&mut self, filter: &Filter, entries: &[u32], corner: (usize, usize)) {
         let r = filter.receivers;
         let mut origin: Option<DVec3> = None;
         let mut face = None;
-        let mut mesh = None;
         self.flat = true;
         for y in 0..WIDE {
             for x in 0..WIDE {
@@ -317,11 +312,7 @@ impl Surface {
                 };
                 let its = r.faces[i];
                 self.flat &= its == *face.get_or_insert(its) && its != NONE;
-                self.entry[at] = if its == NONE {
-                    NONE
-                } else {
-                    geometry.mesh_after(&mut mesh, its).entry
-                };
+                self.entry[at] = entries[i];
                 let p = r.positions[i] - *origin.get_or_insert(r.positions[i]);
                 for k in 0..3 {
                     self.position[k][at] = p[k] as f32;
@@ -375,8 +366,7 @@ impl Surface {
             }
         }
         for x in 0..SIDE {
-            let near = across[x] * across[x] <= ACROSS * ACROSS * squared[x];
-            let one = (entry[x] == others[x]) & (turned[x] >= ALIKE) & near;
+            let one = (entry[x] == others[x]) & is_one(turned[x], across[x], squared[x]);
             alike[x] = if one { alike[x] } else { 0 };
         }
     }

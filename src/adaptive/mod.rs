@@ -3,10 +3,15 @@
 //!
 //! - this file: [`Estimate`], what a receiver's samples tell;
 //! - [`filter`]: what they tell together with those of its neighbours, [`Filtered`](filter::Filtered);
-//! - [`budget`]: for whom more samples lower the error most.
+//! - [`budget`]: for whom more samples lower the error most;
+//! - [`surface`]: which receivers lie on one surface.
 
 pub mod budget;
 pub mod filter;
+pub mod surface;
+
+/// Least error that may be asked: below, the visibility's own steps would decide.
+pub const LEAST_ERROR: f64 = 1e-4;
 
 /// What is known of a receiver under one light.
 #[derive(Debug, Clone, Copy, Default)]

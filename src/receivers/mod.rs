@@ -65,6 +65,16 @@ impl Receivers {
         self.groups.len().saturating_sub(1)
     }
 
+    /// The receivers of a group.
+    pub fn group(&self, group: usize) -> Range<usize> {
+        self.groups[group] as usize..self.groups[group + 1] as usize
+    }
+
+    /// The group that receiver `i` is in.
+    pub fn group_of(&self, i: usize) -> usize {
+        self.groups.partition_point(|&start| start as usize <= i) - 1
+    }
+
     /// A value for each receiver: `find` gets what a thread keeps between groups, the receivers of a group, and
     /// their places, which hold `value`. A step of `control` for each group.
     ///
@@ -80,8 +90,7 @@ impl Receivers {
         let mut all = unwritten(self.len());
         let mut rest = &mut all[..];
         let mut groups = Vec::with_capacity(self.group_count());
-        for ends in self.groups.windows(2) {
-            let range = ends[0] as usize..ends[1] as usize;
+        for range in (0..self.group_count()).map(|group| self.group(group)) {
             let (here, after) = rest.split_at_mut(range.len());
             rest = after;
             groups.push((range, here));

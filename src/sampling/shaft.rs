@@ -6,10 +6,6 @@ use super::{LightProjection, Sampler};
 use crate::bvh::outline::{Shaft, padded_bounds};
 use crate::receivers::Receivers;
 
-/// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
-/// light's own width.
-const WIDE: f32 = 0.1;
-
 /// A group of so few receivers is not halved any more.
 const FEWEST: usize = 4;
 
@@ -55,11 +51,11 @@ impl GroupShaft {
     }
 
     /// Where to halve the group, if that may help: it narrows the shaft only where receivers are spread wide next to
-    /// the light, as over the step from an outline to what lies behind it.
-    pub fn middle(&self) -> Option<Middle> {
+    /// the light, by more than this part of its width, as over the step from an outline to what lies behind it.
+    pub fn middle(&self, wide: f32) -> Option<Middle> {
         let spread = self.high - self.low;
         let axis = spread.max_position();
-        let wide = spread[axis] > WIDE * self.light && self.count > FEWEST;
+        let wide = spread[axis] > wide * self.light && self.count > FEWEST;
         wide.then(|| (axis, f64::from(0.5 * (self.low[axis] + self.high[axis]))))
     }
 }

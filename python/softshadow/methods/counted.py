@@ -31,6 +31,16 @@ class Counted(Method):
         Light samples of a receiver that rays answer, 1 to 65536.
     seed : int
         Of the light points, 0 to 2**64 - 1. Same seed, same bits.
+    error : float, optional
+        Root mean square error of visibility over the pixels of a picture, 0.0001 to 1, that may
+        come on top of that of the light points: pixels are interpolated between neighbours on the
+        same surface where tests between these agree. Without it, and at a user's own points, all
+        receivers are counted.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range.
 
     Examples
     --------
@@ -39,11 +49,14 @@ class Counted(Method):
     >>> image = ss.render(setup.scene, setup.camera, setup.light, "counted")
     >>> image.by_rays
     0.0
+    >>> ss.Counted(error=0.005).error
+    0.005
     """
 
     samples: int = 1024
     rays: int = 256
     seed: int = 0
+    error: float | None = None
 
     name: ClassVar[str] = "counted"
     transparent: ClassVar[bool] = True

@@ -116,6 +116,8 @@ pub(super) struct Grid {
     changes: Vec<Counts>,
     /// Changes along the border before each row, and after the last.
     border: Vec<i16>,
+    /// Whether there are any of both.
+    changed: bool,
     /// The rows that cross the region, and the columns where they enter it.
     range: Range<usize>,
     enters: Vec<f32>,
@@ -137,6 +139,7 @@ impl Grid {
             layout,
             changes: vec![zero; blocks * (layout.columns + 1)],
             border: vec![0; layout.rows + 1],
+            changed: false,
             range: 0..0,
             enters: vec![0.0; layout.rows],
             rightmost: [0.0; 2],
@@ -298,7 +301,7 @@ impl Grid {
     }
 
     /// Adds an edge's image from `a` to `b`, in columns and rows, with `change` more triangles to its left than to its
-    /// right. There must be rows in the region.
+    /// right. There must be rows in the region. Changes of many edges may overflow, their sums come back.
     #[inline(always)]
     pub(super) fn draw(&mut self, a: [f32; 2], b: [f32; 2], change: i16) {
         let (start, end) = (self.rows_below(a[1]), self.rows_below(b[1]));
@@ -319,23 +322,39 @@ impl Grid {
                 let x = (a[0] + (r as f32 - a[1]) * slope).max(low).min(high);
                 let now_left = x < self.enters[r];
                 if now_left != left {
-                    self.border[strip] += if left { change } else { -change };
+                    self.at_border(strip, if left { change } else { -change });
                     left = now_left;
                 }
                 if !left {
                     let at = column(x, self.shifts[r / LANES].0[r % LANES], self.layout.columns);
                     let block = r / LANES * (self.layout.columns + 1);
-                    self.changes[block + at].0[r % LANES] += across;
+                    let before = &mut self.changes[block + at].0[r % LANES];
+                    *before = before.wrapping_add(across);
+                    self.changed = true;
                 }
             }
         }
         if self.is_left(b, end) != left {
-            self.border[end] += if left { change } else { -change };
+            self.at_border(end, if left { change } else { -change });
         }
+    }
+
+    #[inline(always)]
+    fn at_border(&mut self, strip: usize, change: i16) {
+        self.border[strip] = self.border[strip].wrapping_add(change);
+        self.changed = true;
+    }
+
+    /// Whether any edge lies between two points.
+    pub(super) fn is_changed(&self) -> bool {
+        self.changed
     }
 
     /// Forgets all edges.
     pub(super) fn clear(&mut self) {
+        if !std::mem::take(&mut self.changed) {
+            return;
+        }
         self.changes.fill(Counts([0; LANES]));
         self.border.fill(0);
     }
@@ -346,11 +365,11 @@ impl Grid {
         let columns = self.layout.columns;
         let nowhere = i16x16::splat(simd, NOWHERE);
         let mut lowest = nowhere;
-        let mut below = 0;
+        let mut below = 0i16;
         for (block, changes) in self.changes.chunks_exact_mut(columns + 1).enumerate() {
             let mut base = Counts([0; LANES]);
             for (lane, base) in base.0.iter_mut().enumerate() {
-                below += self.border[block * LANES + lane];
+                below = below.wrapping_add(self.border[block * LANES + lane]);
                 *base = below;
             }
             let mut counts = base.load(simd);

@@ -9,7 +9,8 @@
 //!
 //! - `edges`: the edges that may be silhouettes for a group of neighbouring receivers, from the hierarchy;
 //! - `project`: which of them one receiver sees as silhouettes, and where on the light;
-//! - `grid`: the light points and their counts.
+//! - `grid`: the light points and their counts;
+//! - `within` and `cells`: which receivers are asked where an error is allowed, and what the others have from them.
 //!
 //! **Any triangles do.** Nothing is asked of a mesh: an edge of many triangles counts as several, a triangle's three
 //! edges are told the same side of it (exactly where rounding could decide), and the images of edges that meet share
@@ -24,16 +25,19 @@
 //! Of visibility and irradiance a part of what they are without casters is taken, as large as the share of the light
 //! points that are seen; so both are exact where all of the light is seen.
 
+mod cells;
 mod edges;
 mod grid;
 mod project;
 mod region;
+mod within;
 
 use std::sync::Arc;
 
 use fearless_simd::{Simd, dispatch};
 use glam::{DVec3, Vec3};
 
+use crate::adaptive::LEAST_ERROR;
 use crate::bvh::outline::touches_light;
 use crate::control::Control;
 use crate::error::{Result, in_range};
@@ -46,12 +50,14 @@ use crate::sampling::tracing::Tracer;
 use crate::sampling::{GRID, LightProjection, LightSamples, MOST_SAMPLES, Pattern, Sampler};
 use crate::scene::snapshot::Snapshot;
 use crate::simd::detect;
+use cells::Cells;
 use edges::{Edges, Found};
 use grid::{Grid, Layout, Level};
 use project::{View, draw_edges};
+use within::Within;
 
 /// Parameters of counting.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counted {
     /// Least number of light points.
     pub samples: u32,
@@ -59,6 +65,8 @@ pub struct Counted {
     pub rays: u32,
     /// Seed of the light points and samples.
     pub seed: u64,
+    /// Root mean square error of visibility that pixels may have since others answer for them; otherwise each is asked.
+    pub error: Option<f64>,
 }
 
 impl Counted {
@@ -69,6 +77,9 @@ impl Counted {
     pub fn checked(self) -> Result<Self> {
         in_range("Counted", "samples", self.samples, 1..=MOST_SAMPLES)?;
         in_range("Counted", "rays", self.rays, 1..=MOST_SAMPLES)?;
+        if let Some(error) = self.error {
+            in_range("Counted", "error", error, LEAST_ERROR..=1.0)?;
+        }
         Ok(self)
     }
 }
@@ -108,6 +119,7 @@ impl Method for Counted {
             lights,
             layout: Layout::new(self.samples),
             seed: Pattern::new(1, self.seed),
+            error: self.error,
         }))
     }
 }
@@ -124,24 +136,18 @@ struct PreparedCounted {
     layout: Layout,
     /// Gives each receiver random words of its own.
     seed: Pattern,
+    error: Option<f64>,
 }
 
 impl Prepared for PreparedCounted {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let light = &self.lights[light];
-        let answers = receivers.by_groups(
-            control,
-            Answer::default(),
-            || Scratch::new(self.layout),
-            |scratch, range, out| {
-                let first = range.start;
-                let mut ids: Vec<usize> = range.collect();
-                self.answer(receivers, &mut ids, light, scratch, &mut |i, answer| {
-                    out[i - first] = answer;
-                });
-                Ok(())
-            },
-        )?;
+        let answers = match (self.error, &receivers.camera) {
+            (Some(error), Some(camera)) => {
+                self.answer_within(error, receivers, camera, light, control)?
+            }
+            _ => self.answer_all(receivers, light, control, |_| true)?,
+        };
         Ok(Shading {
             visibility: answers.iter().map(|a| a.sums[0]).collect(),
             irradiance: Some(Irradiance::Whole(
@@ -154,6 +160,14 @@ impl Prepared for PreparedCounted {
     fn bytes(&self) -> usize {
         self.geometry.occluders().bytes()
     }
+}
+
+/// Receivers that share their candidate edges.
+struct Group<'a> {
+    receivers: &'a Receivers,
+    ids: &'a [usize],
+    /// Whether these edges are at hand.
+    known: bool,
 }
 
 /// What is found for a receiver.
@@ -178,6 +192,9 @@ struct Scratch {
     /// The part of the light above each receiver's tangent plane, and its irradiance without casters.
     unshadowed: Vec<[f32; 2]>,
     pending: Vec<Pending>,
+    /// Which receivers are asked, and those that are next.
+    cells: Cells,
+    wanted: Vec<usize>,
 }
 
 impl Scratch {
@@ -192,7 +209,24 @@ impl Scratch {
             normals: Vec::new(),
             unshadowed: Vec::new(),
             pending: Vec::new(),
+            cells: Cells::default(),
+            wanted: Vec::new(),
         }
+    }
+
+    /// Takes the positions and normals of receivers, and finds what they have without casters.
+    fn unshadow(&mut self, receivers: &Receivers, ids: &[usize], light: &Light) {
+        self.positions.clear();
+        self.normals.clear();
+        self.unshadowed.clear();
+        let at = |&i: &usize| receivers.positions[i];
+        self.positions.extend(ids.iter().map(at));
+        self.normals
+            .extend(ids.iter().map(|&i| receivers.normals[i]));
+        let unshadowed = &mut self.unshadowed;
+        light.unshadowed(&self.positions, &self.normals, |_, h, irradiance| {
+            unshadowed.push([h as f32, irradiance as f32]);
+        });
     }
 }
 
@@ -208,12 +242,45 @@ struct Pending {
 }
 
 impl PreparedCounted {
+    /// Answers for the receivers of groups that are chosen by number; the others have nothing.
+    fn answer_all(
+        &self,
+        receivers: &Receivers,
+        light: &PreparedLight,
+        control: &Control,
+        chosen: impl Fn(usize) -> bool + Sync + Send,
+    ) -> Result<Vec<Answer>> {
+        receivers.by_groups(
+            control,
+            Answer::default(),
+            || Scratch::new(self.layout),
+            |scratch, range, out| {
+                if chosen(receivers.group_of(range.start)) {
+                    let first = range.start;
+                    let mut ids: Vec<usize> = range.collect();
+                    self.answer(
+                        receivers,
+                        &mut ids,
+                        light,
+                        None,
+                        scratch,
+                        &mut |i, answer| {
+                            out[i - first] = answer;
+                        },
+                    );
+                }
+                Ok(())
+            },
+        )
+    }
+
     /// Answers for any receivers, which share their candidate edges; halves them where there are too many.
     fn answer(
         &self,
         receivers: &Receivers,
         ids: &mut [usize],
         light: &PreparedLight,
+        within: Option<&Within>,
         s: &mut Scratch,
         put: &mut impl FnMut(usize, Answer),
     ) {
@@ -225,32 +292,52 @@ impl PreparedCounted {
         } else {
             Found::ByRays
         };
-        match found {
-            Found::All => return self.count_each(receivers, ids, light, s, put),
-            Found::Split(middle) => {
-                if let Some(both) = halves(receivers, ids, middle) {
-                    for half in both {
-                        self.answer(receivers, half, light, s, put);
-                    }
-                    return;
-                }
+        if let Found::Split(middle) = found
+            && let Some(both) = halves(receivers, ids, middle)
+        {
+            for half in both {
+                self.answer(receivers, half, light, within, s, put);
             }
-            Found::ByRays => {}
+            return;
         }
-        for (k, &i) in ids.iter().enumerate() {
-            put(i, self.by_rays(receivers, i, k, light, s));
+        let group = Group {
+            receivers,
+            ids,
+            known: found == Found::All,
+        };
+        if group.known || within.is_some() {
+            s.unshadow(receivers, ids, light.sampler.light());
+        }
+        match within {
+            Some(within) => self.answer_cells(&group, light, within, s, put),
+            None => {
+                let mut put = |k: usize, answer| put(ids[k], answer);
+                self.answer_each(&group, 0..ids.len(), light, s, &mut put);
+            }
         }
     }
 
-    /// Traces all samples of receiver `i`, number `k` in the group.
-    fn by_rays(
+    /// Answers for those receivers of a group that have these numbers.
+    fn answer_each(
         &self,
-        receivers: &Receivers,
-        i: usize,
-        k: usize,
+        group: &Group,
+        numbers: impl Iterator<Item = usize>,
         light: &PreparedLight,
         s: &mut Scratch,
-    ) -> Answer {
+        put: &mut impl FnMut(usize, Answer),
+    ) {
+        if group.known {
+            self.count_each(group, numbers, light, s, put);
+        } else {
+            for k in numbers {
+                put(k, self.by_rays(group, k, light, s));
+            }
+        }
+    }
+
+    /// Traces all samples of the group's receiver `k`.
+    fn by_rays(&self, group: &Group, k: usize, light: &PreparedLight, s: &mut Scratch) -> Answer {
+        let (receivers, i) = (group.receivers, group.ids[k]);
         let (p, n) = (s.origins[k].as_dvec3(), receivers.normals[i]);
         light.sampler.fill(receivers.index[i], p, n, &mut s.samples);
         let occluders = self.geometry.occluders();
@@ -268,42 +355,31 @@ impl PreparedCounted {
         }
     }
 
-    /// Counts for each receiver of a group whose edges are known.
+    /// Counts for those receivers of a group that have these numbers; the group's edges and what its receivers have
+    /// without casters are at hand.
     fn count_each(
         &self,
-        receivers: &Receivers,
-        ids: &[usize],
+        group: &Group,
+        numbers: impl Iterator<Item = usize>,
         light: &PreparedLight,
         s: &mut Scratch,
         put: &mut impl FnMut(usize, Answer),
     ) {
-        s.positions.clear();
-        s.normals.clear();
-        s.unshadowed.clear();
-        s.positions
-            .extend(ids.iter().map(|&i| receivers.positions[i]));
-        s.normals.extend(ids.iter().map(|&i| receivers.normals[i]));
-        let unshadowed = &mut s.unshadowed;
-        light
-            .sampler
-            .light()
-            .unshadowed(&s.positions, &s.normals, |_, h, irradiance| {
-                unshadowed.push([h as f32, irradiance as f32]);
-            });
         s.pending.clear();
-        for (k, &i) in ids.iter().enumerate() {
+        for k in numbers {
+            let index = group.receivers.index[group.ids[k]];
             if s.unshadowed[k][0] == 0.0 {
-                put(i, Answer::default());
+                put(k, Answer::default());
                 continue;
             }
             match s
                 .edges
                 .view(k)
-                .map(|view| self.count(receivers.index[i], k, &view, light, s))
+                .map(|view| self.count(index, k, &view, light, s))
             {
                 Some(Counting::Waits(pending)) => s.pending.push(pending),
-                Some(Counting::Nothing) => put(i, Answer::default()),
-                Some(Counting::Unclear) | None => put(i, self.by_rays(receivers, i, k, light, s)),
+                Some(Counting::Nothing) => put(k, Answer::default()),
+                Some(Counting::Unclear) | None => put(k, self.by_rays(group, k, light, s)),
             }
         }
         s.tracer.trace(self.geometry.occluders(), &s.origins);
@@ -319,7 +395,7 @@ impl PreparedCounted {
                     [0.0; 2]
                 };
                 put(
-                    ids[waiting.k],
+                    waiting.k,
                     Answer {
                         sums,
                         by_rays: false,
@@ -329,8 +405,8 @@ impl PreparedCounted {
             contradicted
         });
         for waiting in &doubtful {
-            let (i, k) = (ids[waiting.k], waiting.k);
-            put(i, self.by_rays(receivers, i, k, light, s));
+            let k = waiting.k;
+            put(k, self.by_rays(group, k, light, s));
         }
         s.pending = doubtful;
     }
@@ -412,18 +488,21 @@ struct Counts {
 
 #[inline(always)]
 fn count_lanes<S: Simd>(simd: S, grid: &mut Grid, square: &Square, normal: DVec3) -> Counts {
+    let all_alike = |count: i16, grid: &Grid| Counts {
+        lowest: Level {
+            count,
+            place: grid.middle(),
+        },
+        next: None,
+        share: [1.0; 2],
+    };
+    if !grid.is_changed() {
+        return all_alike(0, grid);
+    }
     let count = grid.count(simd);
     let next = grid.next_level(simd, count);
     if next.is_none() {
-        let lowest = Level {
-            count,
-            place: grid.middle(),
-        };
-        return Counts {
-            lowest,
-            next,
-            share: [1.0; 2],
-        };
+        return all_alike(count, grid);
     }
     let sums = grid.sums(simd, count, square, normal);
     let share = |i: usize| {

@@ -16,9 +16,6 @@ use crate::receivers::Receivers;
 use crate::sampling::tracing::Sums;
 use crate::sampling::{Pattern, Sampler};
 
-/// Least error that may be asked: below, the visibility's own steps would decide.
-pub(super) const LEAST_ERROR: f64 = 1e-4;
-
 /// The samples of each step: all at once, or so that they are nested.
 pub(super) fn patterns(method: &RayTraced) -> Vec<Pattern> {
     if method.error.is_none() {

@@ -28,6 +28,10 @@ pub(super) enum SearchResult {
     NotHere,
 }
 
+/// A group is halved only while it is wider than this part of the light: below, its shaft is mostly the
+/// light's own width.
+const WIDE: f32 = 0.1;
+
 /// For how many groups at most [`Pause`] lasts: so many that searching costs little where all groups have
 /// too many edges, and that all of them are one row of an image.
 const LONGEST_PAUSE: u32 = 16;
@@ -109,7 +113,7 @@ impl Group {
             return SearchResult::All;
         }
         group
-            .middle()
+            .middle(WIDE)
             .map_or(SearchResult::TooMany, SearchResult::Split)
     }
 

@@ -33,6 +33,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use crate::adaptive::LEAST_ERROR;
 use crate::bvh::outline::touches_light;
 use crate::control::Control;
 use crate::error::{Error, Result, in_range};
@@ -78,7 +79,7 @@ impl RayTraced {
     pub fn checked(self) -> Result<Self> {
         in_range("RayTraced", "samples", self.samples, 1..=MOST_SAMPLES)?;
         if let Some(error) = self.error {
-            in_range("RayTraced", "error", error, adaptive::LEAST_ERROR..=1.0)?;
+            in_range("RayTraced", "error", error, LEAST_ERROR..=1.0)?;
             if self.fixed {
                 let reason = "\"fixed\" light points have errors that neighbours share; an error needs \"per_receiver\"";
                 return Err(Error::parameter("RayTraced.pattern", reason));

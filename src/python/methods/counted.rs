@@ -13,6 +13,7 @@ pub(super) struct CountedParameters {
     samples: i64,
     rays: i64,
     seed: u64,
+    error: Option<f64>,
 }
 
 impl CountedParameters {
@@ -22,6 +23,7 @@ impl CountedParameters {
             samples: whole(self.samples),
             rays: whole(self.rays),
             seed: self.seed,
+            error: self.error,
         }
         .checked()
     }
