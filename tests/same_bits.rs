@@ -296,7 +296,7 @@ fn results(method: &dyn Method, geometry: &Arc<Snapshot>) -> [u64; 3] {
     let pose = DMat3::from_cols(DVec3::X, vec(0.0, -0.6, -0.8), vec(0.0, 0.8, -0.6));
     let camera = Camera::new(intrinsics, pose, vec(0.0, -2.5, 2.3), 40, 30).unwrap();
     let camera = camera.to_local(&geometry.frame);
-    let (_, receivers) = from_camera(geometry, &camera, &control).unwrap();
+    let (_, receivers) = from_camera(geometry, None, &camera, &control).unwrap();
     let prepared = far::prepare(method, geometry.clone(), &lights, &control).unwrap();
     std::array::from_fn(|light| {
         let shading = prepared.shade(&receivers, light, &control).unwrap();

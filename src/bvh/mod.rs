@@ -17,6 +17,7 @@
 //! off its surface by a few ulps is on the right side of it, however large the triangle.
 
 pub mod any_hit;
+mod crossed;
 pub mod crossing;
 pub mod edge_faces;
 pub(crate) mod grown;

@@ -17,7 +17,7 @@ use fearless_simd::{f32x16, prelude::*};
 use glam::Vec3;
 use robust::{Coord3D, orient3d};
 
-use super::crossing::Crossed;
+use super::crossed::Crossed;
 use crate::simd::{LANES, Lanes, Row};
 
 /// By how much boxes are widened, times the largest coordinate. A sheared vertex is off by up to 6

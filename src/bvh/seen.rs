@@ -167,13 +167,13 @@ fn project<S: Simd>(simd: S, node: &Node, view: &View) -> Places {
         [side(simd, node, view, 2, 0), side(simd, node, view, 2, 1)],
     ];
     let [x, y, z] = [farther(&sides[0]), farther(&sides[1]), farther(&sides[2])];
-    let largest = x.max(y).max(z);
+    let largest = larger(larger(x, y), z);
     let front = bound(view, &sides, 2, 0) - largest * view.slack[2];
     let back = bound(view, &sides, 2, 1) + largest * view.slack[2];
     let near = front
         .simd_ge(NEAR)
         .select(1.0 / front, f64x8::splat(simd, BOUNDLESS));
-    let far = 1.0 / back.max(NEAR);
+    let far = 1.0 / larger(back, f64x8::splat(simd, NEAR));
     let mut places = Places::default();
     let mut some = back.simd_ge(NEAR);
     for axis in 0..2 {
@@ -183,8 +183,9 @@ fn project<S: Simd>(simd: S, node: &Node, view: &View) -> Places {
         let low = low * low.simd_gt(0.0).select(far, near) + (view.middle[axis] - MARGIN);
         let high = high * high.simd_gt(0.0).select(near, far) + (view.middle[axis] + MARGIN);
         // The first pixel with its centre after the one, and the last before the other.
-        let low = low.max(0.0).ceil();
-        let high = high.min(view.last[axis]).floor();
+        let low = larger(low, f64x8::splat(simd, 0.0)).ceil();
+        let last = f64x8::splat(simd, view.last[axis]);
+        let high = high.simd_lt(last).select(high, last).floor();
         some &= low.simd_le(high);
         low.store_array(&mut places.low[axis]);
         high.store_array(&mut places.high[axis]);
@@ -207,7 +208,12 @@ fn side<S: Simd>(simd: S, node: &Node, view: &View, axis: usize, side: usize) ->
 /// The larger distance of two sides.
 #[inline(always)]
 fn farther<S: Simd>(sides: &[f64x8<S>; 2]) -> f64x8<S> {
-    sides[0].abs().max(sides[1].abs())
+    larger(sides[0].abs(), sides[1].abs())
+}
+
+#[inline(always)]
+fn larger<S: Simd>(a: f64x8<S>, b: f64x8<S>) -> f64x8<S> {
+    a.simd_gt(b).select(a, b)
 }
 
 /// The least value of a coordinate in all boxes, or with an `end` of 1 the largest.

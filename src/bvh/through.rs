@@ -9,7 +9,8 @@ use fearless_simd::{dispatch, prelude::*};
 
 use super::TriangleBvh;
 use super::any_hit::{Segments, corner, meet_node, splat, together};
-use super::crossing::{Crossed, Shear};
+use super::crossed::Crossed;
+use super::crossing::Shear;
 use super::packet::{Packet, Stack, largest, longest_axes, shear};
 use super::wide::{Child, WIDTH, Wide};
 use crate::simd::{LANES, Lanes, Level, detect};

@@ -150,21 +150,22 @@ impl<const N: usize> TriangleBatch<N> {
         // A copy, which nothing that is written can change; and short loops, for the compiler's vectoriser.
         let camera = *camera;
         for (k, corner) in corners.iter().enumerate() {
-            let mut p = [[0.0; N]; 3];
-            for (p, corner) in p.iter_mut().zip(corner) {
-                for (p, &x) in p.iter_mut().zip(corner) {
-                    *p = f64::from(x);
+            for (to, axis) in self.corners[k].iter_mut().zip(corner) {
+                for (to, &x) in to.iter_mut().zip(axis) {
+                    *to = f64::from(x);
                 }
             }
             for i in 0..N {
-                let q = camera.project(DVec3::new(p[0][i], p[1][i], p[2][i]));
-                (p[0][i], p[1][i], p[2][i]) = (q.x, q.y, q.z);
+                let [x, y, z] = [0, 1, 2].map(|axis| self.corners[k][axis][i]);
+                let q = camera.project(DVec3::new(x, y, z));
+                self.corners[k][0][i] = q.x;
+                self.corners[k][1][i] = q.y;
+                self.corners[k][2][i] = q.z;
             }
             for i in 0..N {
-                let q = DVec3::new(p[0][i], p[1][i], p[2][i]);
-                [self.x[k][i], self.y[k][i]] = on_screen(q);
+                let [x, y, z] = [0, 1, 2].map(|axis| self.corners[k][axis][i]);
+                [self.x[k][i], self.y[k][i]] = on_screen(DVec3::new(x, y, z));
             }
-            self.corners[k] = p;
         }
         look_lanes(simd, self, window);
     }

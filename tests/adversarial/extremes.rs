@@ -126,7 +126,7 @@ fn scenes_of_any_scale_without_casters_and_with_one_triangle_work() {
             let eye = scale * vec(0.25, 0.25, 1.0);
             let camera = Camera::new(DMat3::from_cols_array(&k), pose, eye, 8, 8).unwrap();
             let local = camera.to_local(&geometry.frame);
-            let (_, seen) = from_camera(&geometry, &local, &Control::default()).unwrap();
+            let (_, seen) = from_camera(&geometry, None, &local, &Control::default()).unwrap();
             assert!(seen.len() > 20, "{}", seen.len());
             let light = Light::sphere(scale * vec(0.2, 0.2, 1.0), 0.1 * scale, [1.0; 3]).unwrap();
             let out = shade(&geometry, light, &seen, 16, true);
