@@ -174,6 +174,12 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         cull,
         error,
     };
+    let counted = |error| Counted {
+        samples: 256,
+        rays: 64,
+        seed: 3,
+        error,
+    };
     let rules = Rules {
         steps: 3,
         falloff: Falloff::Light,
@@ -185,15 +191,8 @@ fn methods() -> Vec<(&'static str, Box<dyn Method>)> {
         ("ray_traced", Box::new(ray_traced(true, None))),
         ("ray_traced, no culling", Box::new(ray_traced(false, None))),
         ("ray_traced, error", Box::new(ray_traced(true, Some(0.02)))),
-        (
-            "counted",
-            Box::new(Counted {
-                samples: 256,
-                rays: 64,
-                seed: 3,
-                error: None,
-            }),
-        ),
+        ("counted", Box::new(counted(None))),
+        ("counted, error", Box::new(counted(Some(0.02)))),
         (
             "shadow_volume",
             Box::new(ShadowVolume {
