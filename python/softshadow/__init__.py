@@ -32,6 +32,7 @@ from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
 from softshadow.fronts import front
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.loading import Setup, load
 from softshadow.methods import (
     Accumulation,
     Convolution,
@@ -94,6 +95,7 @@ __all__ = [
     "RectLight",
     "Scene",
     "SceneError",
+    "Setup",
     "ShadowVolume",
     "SingleSample",
     "Slsm",
@@ -109,6 +111,7 @@ __all__ = [
     "front",
     "grid",
     "kernels",
+    "load",
     "method_names",
     "metrics",
     "mitsuba",
