@@ -86,8 +86,8 @@ def scene_dict(scene: Scene, camera: Camera, light: LightLike, samples: int = 16
     dict
         With the keys ``type``, ``integrator``, ``sensor``, ``light`` (``light_<i>`` of a sequence)
         and one ``entry_<i>`` for every mesh, ``entry_<i>_<j>`` for every sphere, numbered as in
-        ``scene.entries``. Shapes have the entries' names as their ids, with ``[<j>]`` where there
-        are several spheres; `from_dict` makes the same scene of them.
+        ``scene.entries``. Meshes have the entries' names, and spheres have them as their ids, with
+        ``[<j>]`` where there are several; `from_dict` makes the same scene of them.
 
     Raises
     ------
@@ -229,7 +229,6 @@ def _bsdf(albedo: tuple[float, float, float], opacity: float) -> dict[str, Any]:
 
 def _mesh(mi: ModuleType, entry: Mesh, bsdf: dict[str, Any]) -> Any:
     properties = mi.Properties()
-    properties.set_id(entry.name)
     properties["bsdf"] = mi.load_dict(bsdf)
     properties["face_normals"] = True
     vertices = entry.world_vertices()

@@ -141,7 +141,7 @@ def _read(mi: ModuleType, scene: Any) -> tuple[Setup, list[str]]:
     result, lights, left_out = Scene(), list[Light](), list[str]()
     for shape in scene.shapes():
         kind = _kind(shape)
-        what = f"{kind.lower()} {shape.id()!r}" if shape.id() else f"a {kind.lower()}"
+        what = f"{kind.lower()} {_name(shape)!r}" if shape.id() else f"a {kind.lower()}"
         if shape.emitter() is not None:
             light = _light(mi, shape, kind)
             left_out += [f"{what} with {_kind(shape.emitter())}"] if light is None else []
@@ -165,6 +165,15 @@ def _read(mi: ModuleType, scene: Any) -> tuple[Setup, list[str]]:
 def _kind(thing: Any) -> str:
     """Return a Mitsuba object's class, with which all versions begin to print it."""
     return str(thing).partition("[")[0]
+
+
+def _name(shape: Any) -> str:
+    """Return a shape's id; of a mesh of `scene_dict`, whose id is its key, the name it prints."""
+    given: str = shape.id()
+    if re.fullmatch(r"entry_\d+", given):
+        printed = re.search(r'\[\s+name = "(.*)",\s+bbox = ', str(shape), re.DOTALL)
+        return printed[1] if printed else given
+    return given
 
 
 def _called(thing: Any) -> str:
@@ -241,7 +250,7 @@ def _add(
     look = _look(mi, shape.bsdf(), what, left_out)
     if shape.interior_medium() is not None or shape.exterior_medium() is not None:
         left_out.append(f"the medium of {what}")
-    name = scene._new_name(None, shape.id() or kind.lower())
+    name = scene._new_name(None, _name(shape) or kind.lower())
     if kind == "Sphere":
         scene.add_spheres(_matrix(mi, shape)[:3, 3], _sphere_radius(shape), name, **look)
     elif is_mesh:
