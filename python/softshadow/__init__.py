@@ -53,7 +53,7 @@ from softshadow.methods import (
     method_names,
 )
 from softshadow.parallel import set_threads, thread_count, threads
-from softshadow.render import Image, Prepared, prepare, render, visibility
+from softshadow.render import Image, Prepared, irradiance, prepare, render, visibility
 from softshadow.report import report
 from softshadow.scene import Scene
 from softshadow.sweep import Case, grid, sweep
@@ -110,6 +110,7 @@ __all__ = [
     "compare",
     "front",
     "grid",
+    "irradiance",
     "kernels",
     "load",
     "method_names",
