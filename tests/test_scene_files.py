@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 import warnings
 
 import numpy as np
 import pytest
 import softshadow as ss
 import trimesh
+from gltf_files import glb
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
@@ -38,14 +38,7 @@ def _gltf(tmp_path, change=lambda header: None, kind="glb", scene=None, name="ro
         change(header)
         path.write_text(json.dumps(header))
         return path
-    data = scene.export(file_type="glb")
-    size = int.from_bytes(data[12:16], "little")
-    header, binary = json.loads(data[20 : 20 + size]), data[20 + size :]
-    change(header)
-    text = json.dumps(header).encode()
-    text += b" " * (-len(text) % 4)
-    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(binary), len(text), 0x4E4F534A)
-    path.write_bytes(head + text + binary)
+    path.write_bytes(glb(scene, change))
     return path
 
 

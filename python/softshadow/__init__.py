@@ -32,7 +32,7 @@ from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
 from softshadow.fronts import front
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.loading import Setup, load
+from softshadow.loading import Setup, frame, load
 from softshadow.methods import (
     Accumulation,
     Convolution,
@@ -108,6 +108,7 @@ __all__ = [
     "bake",
     "bake_layout",
     "compare",
+    "frame",
     "front",
     "grid",
     "irradiance",

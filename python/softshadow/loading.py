@@ -1,4 +1,4 @@
-"""Scene files with their cameras and lights."""
+"""Scene files with their cameras and lights, and a camera and a light where there are none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from softshadow import checks, gltf
+from softshadow import checks, framing, gltf
 from softshadow.camera import MOST_PIXELS, Camera
 from softshadow.entries import Mesh
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
@@ -20,7 +20,7 @@ from softshadow.parts import Model, UpAxis, add_parts, placement, read_model
 from softshadow.reading import MAX_BYTES, MAX_CORNERS
 from softshadow.scene import Scene
 
-__all__ = ["Setup", "load", "warn_of"]
+__all__ = ["Setup", "frame", "load", "warn_of"]
 
 _Matrix = npt.NDArray[np.float64]
 
@@ -128,6 +128,54 @@ def load(
         raise ValueError(f"{file}: {error}") from None
     warn_of(left_out, str(file))
     return result
+
+
+def frame(
+    scene: Scene,
+    fov_y_deg: float = 45.0,
+    width: int = 512,
+    height: int = 512,
+    ground: bool = True,
+) -> Setup:
+    """Return a copy of a scene on a ground, with a camera and a light that show its shadow.
+
+    These are what the command line shows a model with: a three-quarter view from slightly above, a
+    square light above and to the right, and a square four times as wide as the scene below it; z
+    points up. `softshadow.framing` has them one by one.
+
+    Parameters
+    ----------
+    scene : Scene
+    fov_y_deg, width, height
+        As in `Camera`.
+    ground : bool
+        Whether the ground is added, as the last entry.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    ValueError
+        If the scene is empty, or as `Camera`.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> scene = ss.Scene()
+    >>> ball = scene.add_spheres((0, 0, 1), 0.5)
+    >>> setup = ss.frame(scene, width=64, height=48)
+    >>> setup.scene.names
+    ('spheres', 'ground')
+    >>> ss.render(setup.scene, setup.camera, setup.lights).visibility.shape
+    (1, 48, 64)
+    """
+    camera, light = framing.frame(scene, fov_y_deg, width, height)
+    shown = scene.copy()
+    if checks.flag(ground, "ground"):
+        framing.add_ground(shown)
+    return Setup(shown, camera, (light,))
 
 
 def warn_of(left_out: list[str], what: str) -> None:
