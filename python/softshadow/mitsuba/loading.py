@@ -16,7 +16,6 @@ from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.loading import Setup, warn_of
 from softshadow.mitsuba.bridge import variant_set
 from softshadow.scene import Scene
-from softshadow.scenes.staging import square
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -260,8 +259,7 @@ def _add(
         uv = uv * [1, -1] + [0, 1]  # its origin is at the upper left
         scene.add((vertices, faces), name, uv=uv if len(uv) else None, **look)
     else:
-        flat = square(1.0) if kind == "Rectangle" else _disk()
-        scene.add(flat, name, transform=_matrix(mi, shape), **look)
+        scene.add(_flat(kind), name, transform=_matrix(mi, shape), **look)
     return True
 
 
@@ -269,12 +267,15 @@ def _sphere_radius(shape: Any) -> float:
     return float(np.sqrt(np.array(shape.surface_area()).item() / (4 * np.pi)))
 
 
-def _disk() -> tuple[_Array, npt.NDArray[np.int64]]:
-    """Return a disk of radius 1 around the z axis, facing up."""
+def _flat(kind: str) -> tuple[_Array, npt.NDArray[np.int64]]:
+    """Return the square [-1, 1]², or a disk of radius 1, that faces up."""
     angle = 2 * np.pi * np.arange(_DISK_SIDES) / _DISK_SIDES
-    vertices = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    last = np.arange(2, _DISK_SIDES)
-    return vertices, np.stack([np.zeros_like(last), last - 1, last], axis=1)
+    x, y = np.cos(angle), np.sin(angle)
+    if kind == "Rectangle":
+        x, y = np.array([-1.0, 1, 1, -1]), np.array([-1.0, -1, 1, 1])
+    last = np.arange(2, len(x))
+    faces = np.stack([np.zeros_like(last), last - 1, last], axis=1)
+    return np.stack([x, y, np.zeros_like(x)], axis=1), faces
 
 
 def _light(mi: ModuleType, shape: Any, kind: str) -> Light | None:
