@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from softshadow import checks, framing, gltf
+from softshadow import checks, framing
 from softshadow.camera import MOST_PIXELS, Camera
 from softshadow.entries import Mesh
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
-from softshadow.parts import Model, UpAxis, add_parts, placement, read_model
 from softshadow.reading import MAX_BYTES, MAX_CORNERS
 from softshadow.scene import Scene
+
+if TYPE_CHECKING:
+    from softshadow.parts import UpAxis
 
 __all__ = ["Setup", "frame", "load", "warn_of"]
 
 _Matrix = npt.NDArray[np.float64]
-
-_PUNCTUAL = "KHR_lights_punctual"
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +107,12 @@ def load(
     >>> setup.scene.names, setup.lights
     (('top', 'leg'), ())
     """
+    from softshadow.parts import add_parts, placement, read_model
+    from softshadow.views import as_radius, views_of
+
     file = Path(path)
     world = placement(up, scale)
-    radius = None if light_radius is None else _radius(light_radius, "light_radius")
+    radius = None if light_radius is None else as_radius(light_radius, "light_radius")
     rows = checks.integer(height, "height", 1, MOST_PIXELS)
     if file.suffix.lower() == ".xml":
         from softshadow.mitsuba.loading import read_xml
@@ -120,7 +122,8 @@ def load(
         model = read_model(file, max_bytes, max_corners)
         scene = Scene()
         add_parts(scene, model, None, np.eye(4), {})
-        found, left_out = _with_views(scene, model, radius, rows)
+        camera, lights, left_out = views_of(model, radius, rows)
+        found = Setup(scene, camera, lights)
         left_out = model.left_out + left_out
     try:
         result = _placed(found, world, float(scale))
@@ -183,81 +186,6 @@ def warn_of(left_out: list[str], what: str) -> None:
     if left_out:
         listed = ", ".join(left_out)
         warnings.warn(f"{what}: not understood and left out: {listed}", UserWarning, stacklevel=3)
-
-
-def _radius(value: Any, what: str) -> float:
-    radius = checks.number(value, what, "a positive number")
-    if not radius > 0:
-        raise ValueError(f"{what}: expected a positive number, got {value}")
-    return radius
-
-
-def _with_views(
-    scene: Scene, model: Model, radius: float | None, height: int
-) -> tuple[Setup, list[str]]:
-    """Return a scene with the first camera and the lights of a glTF file, and what is left out."""
-    cameras: list[Camera] = []
-    lights: list[Light] = []
-    left_out: list[str] = []
-    if model.header is None:
-        return Setup(scene, None, ()), []
-    try:
-        for index, matrix in (model.nodes or {}).items():
-            node = model.header["nodes"][index]
-            if "camera" in node:
-                name, camera = _camera(model.header, node["camera"], matrix, height)
-                if camera is None or cameras:
-                    left_out.append(f"{name} (a second one)" if camera else name)
-                else:
-                    cameras.append(camera)
-            punctual = node.get("extensions", {}).get(_PUNCTUAL)
-            if punctual is not None:
-                name, light = _light(model.header, punctual["light"], matrix, radius)
-                if light is None:
-                    left_out.append(name)
-                else:
-                    lights.append(light)
-    except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
-        told = f"no {error}" if isinstance(error, KeyError) else error
-        raise ValueError(f"{model.file}: its cameras or lights cannot be read ({told})") from None
-    return Setup(scene, cameras[0] if cameras else None, tuple(lights)), left_out
-
-
-def _camera(
-    header: gltf.Header, index: int, matrix: _Matrix, height: int
-) -> tuple[str, Camera | None]:
-    """Return a camera's name and itself; None where it is no pinhole."""
-    stated = header["cameras"][index]
-    name = gltf.called(stated, "camera", index)
-    if stated.get("type") != "perspective":
-        return f"{name} ({stated.get('type')})", None
-    if np.linalg.det(matrix[:3, :3]) < 0:
-        return f"{name} (mirrored)", None
-    lens = stated["perspective"]
-    width = max(1, round(height * lens.get("aspectRatio", 1.0)))
-    # It looks along -z, with y up.
-    eye, forward, up = matrix[:3, 3], -matrix[:3, 2], matrix[:3, 1]
-    reach = max(1.0, float(np.abs(eye).max())) / float(np.linalg.norm(forward))
-    fov = math.degrees(lens["yfov"])
-    return name, Camera(eye, eye + reach * forward, up, fov, width, height)
-
-
-def _light(
-    header: gltf.Header, index: int, matrix: _Matrix, radius: float | None
-) -> tuple[str, Light | None]:
-    """Return a light's name and itself; None where it is no point with a radius."""
-    stated = header["extensions"][_PUNCTUAL]["lights"][index]
-    name = gltf.called(stated, "light", index)
-    if stated["type"] != "point":
-        return f"{name} ({stated['type']})", None
-    own = (stated.get("extras") or {}).get("radius", radius)
-    if own is None:
-        return f"{name} (a point; light_radius= gives it a size)", None
-    size = _radius(own, f"{name}: radius")
-    # A sphere's intensity is its radiance times the disk that it is seen as.
-    colour = np.array(stated.get("color", (1.0, 1.0, 1.0)), dtype=np.float64)
-    radiance = colour * stated.get("intensity", 1.0) / (math.pi * size**2)
-    return name, SphereLight(matrix[:3, 3], size, radiance)
 
 
 def _placed(setup: Setup, world: _Matrix, scale: float) -> Setup:

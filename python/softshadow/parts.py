@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from softshadow import checks, gltf
+from softshadow.entries import as_matrix
 from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
 
 if TYPE_CHECKING:
@@ -51,13 +52,16 @@ class Model(NamedTuple):
     nodes: dict[int, _Matrix] | None = None
 
 
-def placement(up: str, scale: float) -> _Matrix:
+def placement(up: str, scale: float, transform: npt.ArrayLike | None = None) -> _Matrix:
     """Return the matrix, shape (4, 4), from a file's coordinates to a world with z up.
+
+    The transform comes last.
 
     Raises
     ------
     ValueError, TypeError
-        If `up` is neither ``"y"`` nor ``"z"``, or the scale is not positive.
+        If `up` is neither ``"y"`` nor ``"z"``, the scale is not positive, or the transform has
+        another shape.
     """
     if up not in ("y", "z"):
         raise ValueError(f"up: expected 'y' or 'z', got {checks.shown(up)}")
@@ -67,7 +71,7 @@ def placement(up: str, scale: float) -> _Matrix:
     matrix = np.diag([factor, factor, factor, 1.0])
     if up == "y":
         matrix[1:3, 1:3] = [[0.0, -factor], [factor, 0.0]]  # y to z, and z towards the viewer
-    return matrix
+    return matrix if transform is None else as_matrix(transform, "transform") @ matrix
 
 
 def read_model(file: Path, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS) -> Model:

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import trimesh
 
-from softshadow import checks, gltf
+    from softshadow.gltf import Header
+
+from softshadow import checks
 from softshadow.extras import needs
 
 __all__ = ["MAX_BYTES", "MAX_CORNERS", "Loaded", "from_trimesh", "read"]
@@ -38,7 +40,7 @@ class Loaded(NamedTuple):
     """What `trimesh` made of a file, the JSON of a glTF file, and textures that were left out."""
 
     mesh: trimesh.Trimesh | trimesh.Scene
-    header: gltf.Header | None
+    header: Header | None
     textures: list[str]
 
 
@@ -112,6 +114,8 @@ def read(
 
     try:
         if parts and kind in (".glb", ".gltf"):
+            from softshadow import gltf
+
             header, rest = gltf.read_header(file.read_bytes())
             source = io.BytesIO(gltf.label(header, rest))
             resolver = trimesh.resolvers.FilePathResolver(str(file))

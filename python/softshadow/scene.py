@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +30,10 @@ from softshadow.entries import (
     mesh_of,
     sphere_arrays,
 )
-from softshadow.parts import UpAxis, add_parts, placement, read_model
 from softshadow.reading import MAX_BYTES, MAX_CORNERS
+
+if TYPE_CHECKING:
+    from softshadow.parts import UpAxis
 
 __all__ = ["Scene", "mesh_of", "scene_of"]
 
@@ -92,10 +94,8 @@ class Scene:
         path : path
         name : str, optional
             Of the only entry.
-        albedo, opacity : optional
-            As of `add`, for all entries. Not given: the file's, taken as linear, or those of `add`.
-        casts, receives
-            As of `add`, for all entries.
+        albedo, opacity, casts, receives : optional
+            As of `add`, for all entries. Colours of files are taken as linear.
         transform : array_like, shape (4, 4), optional
             Applied to all entries, after `up` and `scale`.
         parts : bool
@@ -117,10 +117,9 @@ class Scene:
             As `add`; if nodes of a file have two parents or are their own ancestors, a transform is
             singular (a scale of 0), or `name` is given for several entries.
         """
-        world = placement(up, scale)
-        if transform is not None:
-            world = as_matrix(transform, "transform") @ world
-        scene = cls()
+        from softshadow.parts import add_parts, placement, read_model
+
+        scene, world = cls(), placement(up, scale, transform)
         look: dict[str, Any] = {"casts": casts, "receives": receives}
         look |= {k: v for k, v in (("albedo", albedo), ("opacity", opacity)) if v is not None}
         limits: dict[str, Any] = {"max_bytes": max_bytes, "max_corners": max_corners}
