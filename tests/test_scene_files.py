@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 import warnings
 
 import numpy as np
@@ -83,8 +84,9 @@ def test_nodes_keep_name_look_place_and_texture_coordinates(tmp_path, kind):
     assert np.array_equal(loaded["knob"].transform, _shift(1, 2, 4))  # nested
     assert loaded["knob"].albedo == (0.8, 0.8, 0.8)
     assert loaded["knob"].opacity == 1
-    copy = loaded.copy()
-    assert np.array_equal(copy["pane"].uv, found.uv)
+    for copy in (loaded.copy(), pickle.loads(pickle.dumps(loaded))):
+        assert np.array_equal(copy["pane"].uv, found.uv)
+        assert not copy["pane"].uv.flags.writeable
     joined = ss.Scene.load(tmp_path / f"room.{kind}", parts=False)
     assert joined.names == ("room",)
     assert joined.triangle_count == loaded.triangle_count
@@ -131,6 +133,30 @@ def test_an_obj_without_its_materials_and_without_names_is_called_as_the_file(tm
     scene = ss.Scene.load(_obj(tmp_path, "mtllib no.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
     assert scene.names == ("m",)
     assert scene["m"].albedo == (0.8, 0.8, 0.8)
+
+
+def test_colours_of_vertices_are_left_out_and_told(tmp_path):
+    mesh = trimesh.Trimesh(WEDGE, SIDES, vertex_colors=np.full((4, 4), 99, dtype=np.uint8))
+    mesh.export(tmp_path / "scan.ply")
+    with pytest.warns(UserWarning, match=r"left out: scan\.ply \(its vertex colours\)"):
+        assert ss.load(tmp_path / "scan.ply").scene.names == ("scan",)
+
+
+def test_lines_and_points_are_left_out_and_told(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.load_path([(0, 0, 0), (1, 0, 0), (1, 1, 1)]), geom_name="wire")
+    scene.add_geometry(trimesh.PointCloud(WEDGE), geom_name="dots")
+    for mesh in (None, BOX):
+        if mesh is not None:
+            scene.add_geometry(mesh, node_name="box", geom_name="box")
+        path = _gltf(tmp_path, scene=scene)
+        told = r"mesh '\w+' \(its points, lines or fans\), mesh '\w+' \(its points"
+        if mesh is None:
+            with pytest.raises(ValueError, match=rf"has no triangle meshes, only {told}"):
+                ss.load(path)
+        else:
+            with pytest.warns(UserWarning, match=f"left out: {told}"):
+                assert ss.load(path).scene.names == ("box",)
 
 
 def test_names_may_be_missing_or_the_same_and_a_mesh_in_several_nodes(tmp_path):
@@ -218,6 +244,14 @@ def _of_table(**what):
     return change
 
 
+def _of_colour(factor):
+    def change(header):
+        header["materials"] = [{"pbrMetallicRoughness": {"baseColorFactor": factor}}]
+        header["meshes"][0]["primitives"][0]["material"] = 0
+
+    return change
+
+
 def _no_nodes(header):
     header["scenes"][0]["nodes"] = []
 
@@ -238,6 +272,9 @@ def _no_such_node(header):
         (_of_table(translation=[0, math.nan, 0]), "mesh 'table': its transform is not finite"),
         (_of_table(mesh=77), "node 'table' refers to mesh 77"),
         (_no_nodes, "it has no triangle meshes"),
+        (_of_colour("red"), "its nodes or materials cannot be read"),
+        (_of_colour([0.1, 0.2]), "its nodes or materials cannot be read"),
+        (_of_colour([-1, 0, 0, 1]), "mesh 'table': albedo"),
         (lambda header: header.update(meshes=5), "cannot be read as a mesh"),
         (lambda header: header.update(nodes="many"), "cannot be read as a mesh"),
     ],
@@ -356,7 +393,12 @@ def test_what_a_file_has_beyond_that_is_listed_once_with_names(tmp_path):
         colour = {"baseColorTexture": {"index": 0}}
         header["textures"], header["images"] = [{"source": 0}], [{"uri": "missing.png"}]
         header["materials"] = [
-            {"name": "oak", "pbrMetallicRoughness": colour, "emissiveFactor": [0, 1, 0]}
+            {
+                "name": "oak",
+                "pbrMetallicRoughness": colour,
+                "emissiveFactor": [0, 1, 0],
+                "extensions": {"KHR_materials_transmission": {}, "KHR_materials_unlit": {}},
+            }
         ]
         header["meshes"][0]["primitives"][0]["material"] = 0
         header["animations"] = [{"name": "spin"}]
@@ -368,6 +410,7 @@ def test_what_a_file_has_beyond_that_is_listed_once_with_names(tmp_path):
         assert len(told) == 1
         for part in (
             *("material 'oak' (its texture)", "material 'oak' (its emission)"),
+            "material 'oak' (KHR_materials_transmission)",
             *("animation 'spin'", "extension ACME_fog", "light 'torch' (spot)"),
         ):
             assert part in str(told[0].message)

@@ -133,6 +133,7 @@ def left_out(header: Header) -> list[str]:
             found.append(f"{name} (its texture)")
         if any(material.get("emissiveFactor", ())):
             found.append(f"{name} (its emission)")
+        found += [f"{name} ({x})" for x in material.get("extensions", {}) if x not in _UNDERSTOOD]
     for index in shown:
         name = called(nodes[index], "node", index)
         if "skin" in nodes[index]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from softshadow import checks, gltf
 from softshadow.entries import as_matrix
-from softshadow.reading import MAX_BYTES, MAX_CORNERS, from_trimesh, read
+from softshadow.reading import MAX_BYTES, MAX_CORNERS, Loaded, from_trimesh, read
 
 if TYPE_CHECKING:
     import trimesh
@@ -85,14 +85,23 @@ def read_model(file: Path, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CO
         As `softshadow.reading.read`, or if it has no triangles.
     """
     loaded = read(file, max_bytes, max_corners, parts=True)
+    left_out = [f"texture {name!r}" for name in loaded.textures]
+    try:
+        model = _model(file, loaded, left_out)
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
+        told = f"no {error}" if isinstance(error, KeyError) else error
+        raise ValueError(f"{file}: its nodes or materials cannot be read ({told})") from None
+    if not model.parts:
+        only = f", only {', '.join(model.left_out)}" if model.left_out else ""
+        raise ValueError(f"{file}: it has no triangle meshes{only}")
+    return model
+
+
+def _model(file: Path, loaded: Loaded, left_out: list[str]) -> Model:
     header = loaded.header
     found: list[Part] = []
-    left_out = [f"texture {name!r}" for name in loaded.textures]
     for node, transform, mesh in _placed(loaded.mesh, file.suffix.lower(), header is not None):
-        try:
-            arrays = from_trimesh(mesh)
-        except ValueError:  # a cloud of points
-            arrays = None
+        arrays = None if type(mesh).__name__ == "PointCloud" else from_trimesh(mesh)
         if arrays is None:
             if header is None:  # or `gltf.left_out` tells
                 left_out.append(f"{node or file.name} ({type(mesh).__name__})")
@@ -103,10 +112,9 @@ def read_model(file: Path, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CO
         uv = getattr(mesh.visual, "uv", None)
         if uv is not None and np.shape(uv) != (len(mesh.vertices), 2):
             uv = None
+        if header is None and getattr(mesh.visual, "kind", None) in ("vertex", "face"):
+            left_out.append(f"{node or file.name} (its {mesh.visual.kind} colours)")
         found.append(Part(name, *arrays, transform, *look, uv))
-    if not found:
-        only = f", only {', '.join(left_out)}" if left_out else ""
-        raise ValueError(f"{file}: it has no triangle meshes{only}")
     if header is None:
         return Model(file, found, left_out)
     nodes = {i: loaded.mesh.graph.get(str(i))[0] for i in gltf.used_nodes(header)}
@@ -152,15 +160,15 @@ def _placed(
         nodes.sort(key=lambda node: int(node.partition("_")[0]))
     elif kind == ".obj":
         nodes.reverse()  # `trimesh` begins at the end
-    found = [(node, *mesh.graph[node]) for node in nodes]
-    suffix = {}  # objects and groups of several materials are named after these, too
-    for node, _, name in found:
-        material = getattr(mesh.geometry[name].visual, "material", None)
-        suffix[node] = f"_{getattr(material, 'name', None)}"
-    cut = kind == ".obj" and all(node.endswith(suffix[node]) for node in nodes)
-    for node, transform, name in found:
-        called = node.removesuffix(suffix[node]) if cut else node
-        yield called, np.asarray(transform, dtype=np.float64), mesh.geometry[name]
+    names = dict(zip(nodes, nodes, strict=True))
+    if kind == ".obj":  # objects and groups of several materials are named after these, too
+        materials = (getattr(mesh.geometry[mesh.graph[n][1]].visual, "material", 0) for n in nodes)
+        ends = [f"_{getattr(material, 'name', None)}" for material in materials]
+        if all(node.endswith(end) for node, end in zip(nodes, ends, strict=True)):
+            names = {n: n.removesuffix(end) for n, end in zip(nodes, ends, strict=True)}
+    for node in nodes:
+        transform, geometry = mesh.graph[node]
+        yield names[node], np.asarray(transform, dtype=np.float64), mesh.geometry[geometry]
 
 
 def _look(material: Any) -> tuple[tuple[float, float, float] | None, float | None]:
