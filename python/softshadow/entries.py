@@ -130,7 +130,8 @@ class Mesh(_Entry):
     opacity: float
     casts: bool
     receives: bool
-    uv: npt.NDArray[np.float64] | None = field(default=None, kw_only=True)
+    # Changes no picture, and so no digest of a scene.
+    uv: npt.NDArray[np.float64] | None = field(default=None, kw_only=True, compare=False)
 
     def world_vertices(self) -> npt.NDArray[np.float64]:
         """Return the vertices in world space.
