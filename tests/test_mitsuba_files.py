@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import struct
 import warnings
+import zlib
 
 import numpy as np
 import pytest
 import softshadow as ss
 import trimesh
+from softshadow import cli
 from softshadow.mitsuba import bridge
 
 if not os.environ.get("CI"):
@@ -121,6 +124,35 @@ def test_a_scene_file_renders_as_mitsuba_renders_it(room):
     )
     assert test.passed
     assert abs(test.mean_z) < 4
+
+
+def _serialized(vertices, faces):
+    """Mitsuba's own format, of one mesh in single precision."""
+    content = struct.pack("<I", 0x1000) + b"wedge\0" + struct.pack("<QQ", len(vertices), len(faces))
+    content += np.array(vertices, dtype="<f4").tobytes() + np.array(faces, dtype="<u4").tobytes()
+    data = struct.pack("<HH", 0x041C, 4) + zlib.compress(content)
+    return data + struct.pack("<QI", 0, 1)
+
+
+def test_all_kinds_of_mesh_files_are_the_same_mesh(room):
+    expected = ss.load(room).scene["wedge"]
+    corners = expected.world_vertices()[expected.faces]
+    mesh = trimesh.load(room.parent / "wedge.ply", process=False)
+    mesh.export(room.parent / "wedge.obj")
+    (room.parent / "wedge.serialized").write_bytes(_serialized(mesh.vertices, mesh.faces))
+    for kind in ("obj", "serialized"):
+        text = ROOM.replace('type="ply"', f'type="{kind}"').replace("wedge.ply", f"wedge.{kind}")
+        room.write_text(text)
+        found = _quiet(ss.load, room).scene["wedge"]
+        assert np.array_equal(found.world_vertices()[found.faces], corners)
+
+
+def test_the_command_renders_a_scene_file(room, tmp_path):
+    out = tmp_path / "out.npy"
+    assert cli.main(["render", str(room), "--samples", "4", "-o", str(out)]) == 0
+    setup = ss.load(room)
+    image = ss.render(setup.scene, setup.camera, setup.lights, ss.RayTraced(samples=4))
+    assert np.array_equal(np.load(out), image.visibility)
 
 
 def test_the_sensor_sees_along_our_rays(room):
