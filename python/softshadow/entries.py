@@ -151,7 +151,7 @@ class Curves(Mesh):
     Attributes
     ----------
     name, vertices, faces, transform, albedo, opacity, casts, receives, uv
-        As of `Mesh`; the vertices and faces are those of the tubes, which have no `uv`.
+        As of `Mesh`; the vertices and faces are those of the tubes, which have no ``uv``.
     points : ndarray, shape (P, 3), float64
         Object space.
     offsets : ndarray, shape (C + 1,), int64
