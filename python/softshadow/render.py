@@ -246,7 +246,7 @@ class Prepared:
 
         It is the closed form of what a whole light gives, times its visibility over the part above
         the tangent plane: what ``radiance`` of an image has, over albedo / π. Images of
-        ``ray_traced`` and ``counted`` weight each sample, which differs in penumbrae of wide lights.
+        ``ray_traced`` and ``counted`` weight each sample: other values in penumbrae of wide lights.
 
         Parameters
         ----------
