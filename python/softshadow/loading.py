@@ -81,7 +81,7 @@ def load(
 
     Returns
     -------
-    Setup
+    softshadow.Setup
 
     Raises
     ------
@@ -156,7 +156,7 @@ def frame(
 
     Returns
     -------
-    Setup
+    softshadow.Setup
 
     Raises
     ------

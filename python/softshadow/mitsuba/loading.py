@@ -56,7 +56,7 @@ def from_scene(scene: Any) -> Setup:
 
     Returns
     -------
-    Setup
+    softshadow.Setup
         Its numbers have single precision, Mitsuba's.
 
     Raises
@@ -90,7 +90,7 @@ def from_dict(description: dict[str, Any]) -> Setup:
 
     Returns
     -------
-    Setup
+    softshadow.Setup
         As of `from_scene`.
 
     Raises
