@@ -411,4 +411,6 @@ def test_what_a_type_checker_sees_is_so(tmp_path):
     assert (height, brightness) == (4 - 1 + 4 + 0, 6 + 2 + 0.5 + 0.5)
     assert typed.pictures().dtype == np.float32
     assert typed.maps().shape == (4,)
+    trimesh.creation.box().export(tmp_path / "box.glb")
+    assert typed.files(str(tmp_path / "box.glb")) == ()
     assert len(typed.sweeps(str(tmp_path / "results.parquet"))) == 1

@@ -240,7 +240,7 @@ def test_a_file_with_a_bad_face_names_the_mesh(tmp_path):
         (lambda: ss.SphereLight((0, 0, 1), 1, NAN), ["SphereLight.radiance", "finite", "nan"]),
         (lambda: ss.Camera((0, 0, 0), (0, 0, 0)), ["Camera", "same point"]),
         (lambda: ss.Camera((0, 0, NAN), (0, 0, 0)), ["Camera.eye", "finite"]),
-        (lambda: ss.Camera((0, 0, 1), (0, 0, 0)), ["Camera.up", "parallel"]),
+        (lambda: ss.Camera((0, 0, 1), (0, 0, 0), (0, 0, 1)), ["Camera.up", "parallel"]),
         (lambda: ss.Camera((0, 1, 1), (0, 0, 0), (0, 0, 0)), ["Camera.up", "zero"]),
         (lambda: ss.Camera((0, 1, 1), (0, 0, 0), fov_y_deg=0), ["Camera.fov_y_deg", "0"]),
         (lambda: ss.Camera((0, 1, 1), (0, 0, 0), fov_y_deg=180), ["Camera.fov_y_deg", "180"]),

@@ -17,6 +17,7 @@ import OpenEXR
 import pytest
 import softshadow as ss
 import trimesh
+from gltf_files import glb
 from softshadow import cli, framing
 
 SMALL = ["--size", "32x24", "--samples", "8"]
@@ -101,6 +102,131 @@ def test_a_camera_straight_above_works(box, tmp_path):
     arguments = ["--eye", "0,0,6", "--target", "0,0,0", *SMALL, "-o", str(out)]
     assert cli.main(["render", box, *arguments]) == 0
     assert np.load(out).min() < 1
+
+
+def test_several_lights_give_their_mean_or_each(box, tmp_path):
+    lights = [ss.SphereLight((2, -1, 3), 0.5), ss.DiskLight((-2, 0, 3), (1, 0, -1), 0.4)]
+    arguments = ["--light", "sphere:2,-1,3,0.5", "--light", "disk:-2,0,3,1,0,-1,0.4", *SMALL]
+    for name in ("out.npy", "out.png"):
+        assert cli.main(["render", box, *arguments, "-o", str(tmp_path / name)]) == 0
+    setup = ss.frame(ss.Scene.load(box), width=32, height=24)
+    seen = ss.render(setup.scene, setup.camera, lights, ss.RayTraced(samples=8)).visibility
+    assert np.array_equal(np.load(tmp_path / "out.npy"), seen)
+    picture = imageio.imread(tmp_path / "out.png")
+    assert np.array_equal(picture, np.rint(255.0 * seen.mean(axis=0)))
+
+
+def test_any_parameter_of_a_method_can_be_set(box, tmp_path, capsys):
+    command = ["render", box, "--size", "32x24", "-o", str(tmp_path / "a.png")]
+    settings = ["--method", "mtsm", "--set", "resolution=64", "--set", "layers=None"]
+    assert cli.main([*command, *settings, "--samples", "4"]) == 0
+    assert "Mtsm(resolution=64, layers=None" in capsys.readouterr().out
+    fixed = ["--set", "pattern=fixed", "--set", "samples = 16", "--set", "cull=False"]
+    assert cli.main([*command, *fixed]) == 0
+    said = capsys.readouterr().out
+    assert all(x in said for x in ("samples=16", "pattern='fixed'", "cull=False"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["--set", "resolution"], "expected NAME=VALUE, such as resolution=2048"),
+        (["--set", "views=3"], "method 'ray_traced' has no such parameter, but samples, seed"),
+        (["--set", "samples=0"], "samples: expected an integer from 1 to 65536"),
+        (["--set", "samples=many"], "samples: expected an integer"),
+        (["--set", "samples=4", "--samples", "4"], "samples is given twice"),
+        (["--set", "pattern=woven"], "pattern"),
+        (["--up", "x"], "--up"),
+        (["--light-radius", "-1"], "light_radius: expected a positive number"),
+    ],
+)
+def test_a_bad_setting_is_an_error_before_a_model_is_read(fails, tmp_path, settings, message):
+    assert message in fails("render", "nothing.ply", *settings, "-o", tmp_path / "a.png")
+
+
+def test_a_bad_camera_is_an_error_before_a_model_is_read(fails, tmp_path):
+    for options, message in (
+        (["--eye", "1,2"], "expected 3 numbers"),
+        (["--eye", "1,2,3", "--target", "1,2,3"], "same point"),
+        (["--fov", "180"], "fov"),
+        (["--width", "0"], "Camera.width"),
+    ):
+        assert message in fails("render", "nothing.ply", *options, "-o", tmp_path / "a.png")
+
+
+def test_a_model_with_y_up_is_turned(tmp_path):
+    plank = trimesh.creation.box((1, 3, 0.5))
+    plank.export(tmp_path / "y.ply")
+    plank.apply_transform([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    plank.export(tmp_path / "z.ply")
+    for name in "yz":
+        model, out = (str(tmp_path / f"{name}.{kind}") for kind in ("ply", "npy"))
+        assert cli.main(["render", model, "--up", name, *SMALL, "-o", out]) == 0
+    assert np.array_equal(np.load(tmp_path / "y.npy"), np.load(tmp_path / "z.npy"))
+
+
+def _room(tmp_path, camera=True):
+    """A GLB file with a box over a floor, a point light, a spot light and a camera."""
+    scene = trimesh.Scene({"box": trimesh.creation.box()})
+    scene.add_geometry(trimesh.creation.box((8, 8, 0.1)), node_name="floor")
+    lights = [
+        {"type": "point", "intensity": 9, "extras": {"radius": 0.3}},
+        {"type": "spot", "name": "torch"},
+    ]
+    lens = {"yfov": 0.7, "aspectRatio": 1.5, "znear": 0.1}
+
+    def change(header):
+        header["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+        header["cameras"] = [{"type": "perspective", "perspective": lens}]
+        header["nodes"] += [
+            {"translation": [2, 1, 3 + i], "extensions": {"KHR_lights_punctual": {"light": i}}}
+            for i in range(2)
+        ]
+        header["nodes"] += [{"translation": [0, 0, 9], **({"camera": 0} if camera else {})}]
+        count = len(header["nodes"])
+        header["scenes"][0]["nodes"] += [count - 3, count - 2, count - 1]
+
+    path = tmp_path / "room.glb"
+    path.write_bytes(glb(scene, change))
+    return path
+
+
+def test_a_scene_file_has_its_own_lights_and_camera(tmp_path, capsys):
+    path, out = _room(tmp_path), tmp_path / "out.npy"
+    arguments = ["render", str(path), "--samples", "8", "-o", str(out)]
+    assert cli.main([*arguments, "--height", "40"]) == 0
+    said = capsys.readouterr()
+    assert "out.npy: visibility, 60x40" in said.out
+    assert f"warning: {path}: not understood and left out: light 'torch' (spot)" in said.err
+    with pytest.warns(UserWarning, match="torch"):
+        setup = ss.load(path, height=40)
+    method = ss.RayTraced(samples=8)
+    own = ss.render(setup.scene, setup.camera, setup.lights[0], method)
+    assert np.array_equal(np.load(out), own.visibility)
+    # What is given goes before the file's.
+    given = ["--light", "sphere:2,1,3,0.5", "--eye", "0,-9,5", "--fov", "30", *SMALL[:2]]
+    assert cli.main([*arguments, *given, "--ground"]) == 0
+    framing.add_ground(setup.scene)
+    light = ss.SphereLight((2, 1, 3), 0.5)
+    middle = ss.Scene.load(path).bounds.mean(axis=0)
+    camera = ss.Camera((0, -9, 5), middle, fov_y_deg=30, width=32, height=24)
+    other = ss.render(setup.scene, camera, light, method)
+    assert np.array_equal(np.load(out), other.visibility)
+    assert cli.main([*arguments, "--fov", "20", "--size", "30x30"]) == 0
+    plain = ss.Camera((0, 0, 9), (0, 0, 0), (0, 1, 0), 20, 30, 30)
+    assert np.load(out).shape == (30, 30)
+    near = ss.render(ss.Scene.load(path), plain, setup.lights[0], method)
+    assert np.mean(np.load(out) != near.visibility) < 0.01  # samples depend on the pixel alone
+
+
+def test_a_file_without_a_camera_is_framed_but_keeps_its_lights(tmp_path):
+    path, out = _room(tmp_path, camera=False), tmp_path / "out.npy"
+    assert cli.main(["render", str(path), *SMALL, "-o", str(out)]) == 0
+    with pytest.warns(UserWarning, match="torch"):
+        found = ss.load(path)
+    shown = ss.frame(found.scene, width=32, height=24, ground=False)
+    image = ss.render(shown.scene, shown.camera, found.lights[0], ss.RayTraced(samples=8))
+    assert np.array_equal(np.load(out), image.visibility)
 
 
 COMPARE = ["--size", "48x32", "--repeats", "1", "--method", "hard", "--method", "ray_traced"]
@@ -268,7 +394,7 @@ def _seconds_of(pid):
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_a_long_render_stops_soon_after_ctrl_c(box, tmp_path):
-    command = [sys.executable, "-m", "softshadow.cli", "render", box, "--samples", "65536"]
+    command = [sys.executable, "-m", "softshadow", "render", box, "--samples", "65536"]
     command += ["--size", "2048x2048", "-o", str(tmp_path / "a.png")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as process:
         assert process.stderr is not None
@@ -305,6 +431,25 @@ def test_the_framed_box_is_whole_in_the_picture_and_lit_from_its_side():
     assert center[2] > scene.bounds[1, 2]
     edges = [np.linalg.norm(light.edge_u), np.linalg.norm(light.edge_v)]
     assert np.allclose(edges, np.linalg.norm(away) / 5)
+
+
+def test_a_framed_scene_is_a_copy_with_a_ground():
+    scene = ss.Scene()
+    scene.add_spheres((0, 0, 1), 0.5, "ground")
+    setup = ss.frame(scene, 30, 64, 48)
+    assert scene.names == ("ground",)
+    assert setup.scene.names == ("ground", "ground_2")
+    assert (setup.camera, setup.lights[0]) == framing.frame(scene, 30, 64, 48)
+    assert ss.frame(scene, ground=False).scene.names == ("ground",)
+    with pytest.raises(ValueError, match="no meshes"):
+        ss.frame(ss.Scene())
+
+
+def test_a_camera_looks_straight_down_without_an_up():
+    down = ss.Camera((1, 2, 5), (1, 2, 0), width=8, height=8)
+    assert down == ss.Camera((1, 2, 5), (1, 2, 0), (0, 1, 0), width=8, height=8)
+    above = ss.Camera((1, 2, -5), (1, 2, 0), width=8, height=8)
+    assert above == ss.Camera((1, 2, -5), (1, 2, 0), (0, 1, 0), width=8, height=8)
 
 
 def test_the_ground_is_four_times_the_model_and_below_it():

@@ -132,3 +132,30 @@ def test_a_floor_that_does_not_cast_lets_hard_shadows_through_from_below():
     # The centre is below the floor's plane: the ray to it passes under the floor's border or not.
     assert (blocked[image.mask] == 0).all()
     assert np.abs(free[image.mask] - fraction).max() < 1e-6
+
+
+@pytest.mark.parametrize("method", ["hard", "ssoc", "single_sample"])
+def test_irradiance_at_points_is_what_a_picture_has_there(method):
+    setup = ss.scenes.closed_solids(48, 48, detail=2)
+    lights = [setup.light, OVERHEAD["disk"], SUNKEN["rect"]]
+    image = ss.render(setup.scene, setup.camera, lights, method)
+    hit = image.mask & np.isin(image.mesh_id, range(len(setup.scene.meshes)))
+    points, normals = image.position[hit], image.normal[hit]
+    got = ss.irradiance(setup.scene, points, normals, lights, method)
+    assert got.shape == (hit.sum(), 3)
+    assert got.dtype == np.float32
+    albedo = np.array([entry.albedo for entry in setup.scene.entries])[image.mesh_id[hit]]
+    off = np.abs(got * albedo / math.pi - image.radiance[hit]) / image.radiance.max()
+    # Normals and the picture are in single precision. Measured: 1.2e-7
+    assert off.max() < 1e-6
+
+
+def test_irradiance_needs_normals_and_a_method_that_answers_at_points():
+    setup = ss.scenes.half_plane(8, 8)
+    with pytest.raises(ValueError, match="normals: irradiance needs them"):
+        ss.irradiance(setup.scene, [(0, 0, 0)], None, setup.light)
+    with pytest.raises(ValueError, match="'wedges' needs a camera"):
+        ss.irradiance(setup.scene, [(0, 0, 0)], [(0, 0, 1)], setup.light, "wedges")
+    bright = ss.SphereLight((0, 0, 2), 1.9, 3e38)
+    with pytest.raises(ss.ParameterError, match="irradiance: it overflows"):
+        ss.irradiance(setup.scene, [(3, 0, 0)], [(0, 0, 1)], [bright] * 30, "hard")

@@ -94,7 +94,7 @@ def test_the_python(shell, folder, monkeypatch, capsys):
 
 @pytest.mark.parametrize("path", HOW_TO, ids=lambda path: path.stem)
 def test_the_code_of_how_to_pages(path, tmp_path, monkeypatch, capsys):
-    if path.stem == "mitsuba":
+    if path.stem in ("files", "mitsuba"):
         pytest.importorskip("mitsuba", reason="the optional extra")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}

@@ -110,6 +110,11 @@ def test_a_case_is_known_by_all_that_it_is_made_of(tmp_path):
     ]
     assert len(set(keys)) == len(keys)
     assert key(scene=board) == key() == key(images=tmp_path)  # how it is made is not what it is
+    mapped, entry = ss.Scene(), board()["board"]
+    mapped.add((entry.vertices, entry.faces), "board", uv=entry.vertices[:, :2])
+    plain = ss.Scene()
+    plain.add((entry.vertices, entry.faces), "board")
+    assert key(scene=mapped) == key(scene=plain)  # no picture has them
 
 
 def test_digests_are_the_same_in_every_process_and_tell_kinds_apart():

@@ -42,6 +42,19 @@ def pictures() -> npt.NDArray[np.float32]:
     return texture.visibility
 
 
+def files(path: str) -> tuple[ss.Light, ...]:
+    """What files hold, and a camera where they have none."""
+    scene: ss.Scene = ss.Scene.load(path, up="y", scale=0.001, opacity=0.5)
+    setup: ss.Setup = ss.load(path, light_radius=0.1)
+    camera: ss.Camera | None = setup.camera or ss.frame(scene).camera
+    given: npt.NDArray[np.float32] = ss.irradiance(
+        scene, [(0, 0, 0)], [(0, 0, 1)], setup.lights or ss.SphereLight((0, 0, 4), 0.5)
+    )
+    assert camera is not None
+    assert given.shape == (1, 3)
+    return setup.lights
+
+
 def sweeps(store: str) -> pd.DataFrame:
     """What is measured, and its table."""
     setup = ss.scenes.half_plane(8, 8)

@@ -32,6 +32,7 @@ from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
 from softshadow.fronts import front
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.loading import Setup, frame, load
 from softshadow.methods import (
     Accumulation,
     Convolution,
@@ -52,7 +53,7 @@ from softshadow.methods import (
     method_names,
 )
 from softshadow.parallel import set_threads, thread_count, threads
-from softshadow.render import Image, Prepared, prepare, render, visibility
+from softshadow.render import Image, Prepared, irradiance, prepare, render, visibility
 from softshadow.report import report
 from softshadow.scene import Scene
 from softshadow.sweep import Case, grid, sweep
@@ -94,6 +95,7 @@ __all__ = [
     "RectLight",
     "Scene",
     "SceneError",
+    "Setup",
     "ShadowVolume",
     "SingleSample",
     "Slsm",
@@ -106,9 +108,12 @@ __all__ = [
     "bake",
     "bake_layout",
     "compare",
+    "frame",
     "front",
     "grid",
+    "irradiance",
     "kernels",
+    "load",
     "method_names",
     "metrics",
     "mitsuba",

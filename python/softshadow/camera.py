@@ -29,8 +29,9 @@ class Camera:
     ----------
     eye, target : array_like, shape (3,)
         World positions; they must differ.
-    up : array_like, shape (3,)
-        Any direction that is not parallel to the view.
+    up : array_like, shape (3,), optional
+        Any direction that is not parallel to the view. Not given: z, or y where the camera looks
+        straight up or down.
     fov_y_deg : float
         Full vertical field of view in degrees, between 0 and 180 (both excluded).
     width, height : int
@@ -56,14 +57,14 @@ class Camera:
         self,
         eye: Vector,
         target: Vector,
-        up: Vector = (0.0, 0.0, 1.0),
+        up: Vector | None = None,
         fov_y_deg: float = 45.0,
         width: int = 512,
         height: int = 512,
     ) -> None:
         e = np.array(as_vector(eye, "Camera.eye"))
         t = np.array(as_vector(target, "Camera.target"))
-        u = np.array(as_vector(up, "Camera.up"))
+        u = np.array(as_vector((0.0, 0.0, 1.0) if up is None else up, "Camera.up"))
         fov = number(fov_y_deg, "Camera.fov_y_deg", "0 < fov < 180")
         if not 0.0 < fov < 180.0:
             raise ValueError(f"Camera.fov_y_deg: expected 0 < fov < 180, got {fov_y_deg}")
@@ -79,6 +80,8 @@ class Camera:
         forward = _unit(view)
         right = np.cross(forward, _unit(u))
         # Below 1e-9 the cross product of two unit vectors is rounding: the image would spin freely.
+        if np.linalg.norm(right) < 1e-9 and up is None:
+            right = np.cross(forward, (0.0, 1.0, 0.0))
         if np.linalg.norm(right) < 1e-9:
             raise ValueError(f"Camera.up: {u.tolist()} is parallel to the view direction")
         right = right / np.linalg.norm(right)

@@ -6,13 +6,15 @@ code 130.
 
 from __future__ import annotations
 
+import ast
 import shlex
 import sys
+import warnings
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -20,9 +22,9 @@ from softshadow import checks
 from softshadow._core import __version__
 from softshadow.camera import Camera
 from softshadow.extras import needs
-from softshadow.framing import add_ground, camera_for, light_for
 from softshadow.images import check_path, write
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, Light, LightLike, RectLight, SphereLight
+from softshadow.loading import frame, load
 from softshadow.methods import Method, method_names, resolve
 from softshadow.render import render as render_image
 from softshadow.scene import Scene
@@ -38,6 +40,13 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="Soft shadows of area lights on the CPU.",
 )
+
+
+class Up(str, Enum):
+    """Which axis of a file points up."""
+
+    y = "y"
+    z = "z"
 
 
 class What(str, Enum):
@@ -91,36 +100,108 @@ def _numbers(text: str, count: int, what: str, form: str) -> list[float]:
     return numbers
 
 
-def _size(text: str) -> tuple[int, int]:
+def _size(text: str | None) -> tuple[int | None, int | None]:
+    if text is None:
+        return None, None
     width, _, height = text.lower().partition("x")
     if not (width.isdecimal() and height.isdecimal()):
         raise ValueError(f"--size {text!r}: expected WxH, such as 512x512")
     return int(width), int(height)
 
 
-def _method(name: str, samples: int | None, seed: int | None) -> Method:
+def _method(name: str, samples: int | None, seed: int | None, settings: Sequence[str]) -> Method:
     method = resolve(name)
-    known = {item.name for item in fields(method)}
-    given = {k: v for k, v in {"samples": samples, "seed": seed}.items() if v is not None}
+    known = [item.name for item in fields(method)]
+    given: dict[str, Any] = {"samples": samples, "seed": seed}
+    given = {k: v for k, v in given.items() if v is not None}
     for parameter in given:
         if parameter not in known:
             raise ValueError(f"--{parameter}: method {name!r} has no such parameter")
-    return replace(method, **given)  # says what is out of range, before a model is read
+    for setting in settings:
+        parameter, equals, text = (part.strip() for part in setting.partition("="))
+        if not equals:
+            raise ValueError(f"--set {setting!r}: expected NAME=VALUE, such as resolution=2048")
+        if parameter not in known:
+            raise ValueError(
+                f"--set {setting!r}: method {name!r} has no such parameter, but "
+                f"{', '.join(known) or 'none'}"
+            )
+        if parameter in given:
+            raise ValueError(f"--set {setting!r}: {parameter} is given twice")
+        given[parameter] = _value(text)
+    try:
+        return replace(method, **given)  # says what is out of range, before a model is read
+    except TypeError as error:
+        raise ValueError(str(error)) from None
 
 
-def _camera(
-    scene: Scene, eye: str | None, target: str | None, fov: float, width: int, height: int
-) -> Camera:
-    default = camera_for(scene, fov, width, height)
-    if eye is None and target is None:
-        return default
-    to = scene.bounds.mean(axis=0)
-    if target is not None:
-        to = np.array(_numbers(target, 3, f"--target {target!r}", "x,y,z"))
-    at = default.eye if eye is None else np.array(_numbers(eye, 3, f"--eye {eye!r}", "x,y,z"))
-    vertical = bool(np.all(at[:2] == to[:2]))
-    up = (0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0)
-    return Camera(at, to, up=up, fov_y_deg=fov, width=width, height=height)
+def _value(text: str) -> Any:
+    """Return what a setting says: a number, True, False or None, or else a word."""
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return text
+
+
+class _View:
+    """What the options say about the picture, checked before a model is read."""
+
+    def __init__(
+        self,
+        lights: Sequence[str] | None,
+        eye: str | None,
+        target: str | None,
+        fov: float | None,
+        size: tuple[int | None, int | None],
+        ground: bool | None,
+    ) -> None:
+        self.lights = tuple(parse_light(text) for text in lights or ())
+        self.eye = None if eye is None else _numbers(eye, 3, f"--eye {eye!r}", "x,y,z")
+        self.target = None
+        if target is not None:
+            self.target = _numbers(target, 3, f"--target {target!r}", "x,y,z")
+        self.fov, self.size, self.ground = fov, size, ground
+        at = (0.0, 0.0, 0.0) if self.eye is None else self.eye
+        to = np.add(at, 1.0) if self.target is None or self.eye is None else self.target
+        Camera(at, to, None, *self._lens(None))
+
+    def of(self, model: Path, up: Up, radius: float | None) -> tuple[Scene, Camera, LightLike]:
+        """Return a file's scene, and what the options, the file or the framing have for it."""
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", UserWarning)
+            found = load(model, up=up.value, light_radius=radius, height=self._lens(None)[2])
+        for warning in told:
+            typer.echo(f"warning: {' '.join(str(warning.message).split())}", err=True)
+        alone = found.camera is None and not found.lights
+        lens = self._lens(found.camera)
+        ground = alone if self.ground is None else self.ground
+        framed = frame(found.scene, *lens, ground=ground)
+        default = framed.camera if found.camera is None else _with_lens(found.camera, *lens)
+        assert default is not None
+        camera = default
+        if self.eye is not None or self.target is not None:
+            at = default.eye if self.eye is None else self.eye
+            to = found.scene.bounds.mean(axis=0) if self.target is None else self.target
+            camera = Camera(at, to, None, *lens)
+        lights = self.lights or found.lights or framed.lights
+        return framed.scene, camera, lights if len(lights) > 1 else lights[0]
+
+    def _lens(self, own: Camera | None) -> tuple[float, int, int]:
+        """Return angle, width and height: those given, the file's camera's, or the usual ones."""
+        usual = (45.0, 512, 512) if own is None else (own.fov_y_deg, own.width, own.height)
+        fov, width, height = (
+            other if given is None else given
+            for given, other in zip((self.fov, *self.size), usual, strict=True)
+        )
+        return fov, int(width), int(height)
+
+
+def _with_lens(camera: Camera, fov: float, width: int, height: int) -> Camera:
+    """Return a camera from the same place, but as it is where all is its own."""
+    if (fov, width, height) == (camera.fov_y_deg, camera.width, camera.height):
+        return camera
+    plain = Camera((0, 0, 0), (0, 1, 0), None, fov, width, height)
+    return Camera.from_matrix(plain.K, camera.camera_to_world, width, height)
 
 
 @app.callback(invoke_without_command=True)
@@ -136,55 +217,94 @@ def _softshadow(
 
 @app.command()
 def render(
-    model: Annotated[Path, typer.Argument(help="Mesh file: PLY, OBJ, STL, GLB, ...; z points up.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="A .png, .exr or .npy file.")],
-    light: Annotated[
-        str | None,
+    model: Annotated[
+        Path,
+        typer.Argument(
+            help="Mesh file (PLY, OBJ, STL, ...), or scene file with its lights and camera (glTF, "
+            "GLB, Mitsuba XML)."
+        ),
+    ],
+    output: Annotated[
+        Path,
         typer.Option(
-            help=f"{', '.join(_LIGHT_FORMS.values())}. Not given: a square above, to the right.",
+            "--output",
+            "-o",
+            help="A .png, .exr or .npy file; visibility of several lights is their mean, in .npy "
+            "that of each.",
+        ),
+    ],
+    light: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"{', '.join(_LIGHT_FORMS.values())}; may be repeated. Not given: the file's, or "
+            "a square above, to the right.",
             metavar="SPEC",
         ),
     ] = None,
+    light_radius: Annotated[
+        float | None,
+        typer.Option(help="Of point lights of glTF files, in the file's units."),
+    ] = None,
+    up: Annotated[Up, typer.Option(help="The file's axis that points up.")] = Up.z,
     method: Annotated[
         str, typer.Option(help="See 'softshadow methods'.", metavar="NAME")
     ] = "ray_traced",
     samples: Annotated[int | None, typer.Option(help="Light samples per receiver.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of the light samples.")] = None,
-    size: Annotated[str, typer.Option(help="Pixels.", metavar="WxH")] = "512x512",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="A parameter of the method, such as resolution=2048; may be repeated.",
+            metavar="NAME=VALUE",
+        ),
+    ] = None,
+    size: Annotated[
+        str | None,
+        typer.Option(help="Pixels. Not given: the file's camera's, or 512x512.", metavar="WxH"),
+    ] = None,
     width: Annotated[int | None, typer.Option(help="Pixels; overrides --size.")] = None,
     height: Annotated[int | None, typer.Option(help="Pixels; overrides --size.")] = None,
     eye: Annotated[
         str | None,
-        typer.Option(help="Camera. Not given: a three-quarter view.", metavar="X,Y,Z"),
+        typer.Option(
+            help="Camera. Not given: the file's, or a three-quarter view.", metavar="X,Y,Z"
+        ),
     ] = None,
     target: Annotated[
         str | None,
         typer.Option(help="Where it looks. Not given: the model's middle.", metavar="X,Y,Z"),
     ] = None,
-    fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 45.0,
+    fov: Annotated[
+        float | None,
+        typer.Option(help="Vertical field of view, degrees. Not given: the file's, or 45."),
+    ] = None,
     what: Annotated[What, typer.Option(help="What to write.")] = What.visibility,
     exposure: Annotated[
         float | None,
         typer.Option(help="Of radiance in a PNG. Not given: makes the brightest pixels white."),
     ] = None,
-    ground: Annotated[bool, typer.Option(help="A ground plane below the model.")] = True,
+    ground: Annotated[
+        bool | None,
+        typer.Option(
+            help="A ground plane below the model. Not given: where a file has no camera and lights."
+        ),
+    ] = None,
 ) -> None:
     """Render a model's shadow to an image file."""
     check_path(output)
     if exposure is not None and not checks.number(exposure, "--exposure", "a positive number") > 0:
         raise ValueError(f"--exposure: expected a positive number, got {exposure}")
     w, h = _size(size)
-    configured = _method(method, samples, seed)
-    parsed = None if light is None else parse_light(light)
-    scene = Scene.load(model)
-    camera = _camera(
-        scene, eye, target, fov, w if width is None else width, h if height is None else height
-    )
-    lit_by = light_for(scene) if parsed is None else parsed
-    if ground:
-        add_ground(scene, "ground" if "ground" not in scene.names else "ground_plane")
+    shape = (w if width is None else width, h if height is None else height)
+    configured = _method(method, samples, seed, settings or ())
+    view = _View(light, eye, target, fov, shape, ground)
+    scene, camera, lit_by = view.of(model, up, light_radius)
     image = render_image(scene, camera, lit_by, configured, progress=True)
-    write(output, image.visibility if what is What.visibility else image.radiance, exposure)
+    seen = image.visibility
+    if seen.ndim == 3 and output.suffix.lower() != ".npy":
+        seen = seen.mean(axis=0)
+    write(output, seen if what is What.visibility else image.radiance, exposure)
     typer.echo(
         f"{output}: {what.value}, {camera.width}x{camera.height}, {configured}, "
         f"prepare {image.seconds['prepare']:.3g} s, frame {image.seconds['frame']:.3g} s"
@@ -193,7 +313,7 @@ def render(
 
 @app.command()
 def compare(
-    models: Annotated[list[Path], typer.Argument(help="Mesh files, as of 'softshadow render'.")],
+    models: Annotated[list[Path], typer.Argument(help="Files, as of 'softshadow render'.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="A folder; made where there is none.")
     ] = Path("comparison"),
@@ -207,13 +327,22 @@ def compare(
     ] = None,
     repeats: Annotated[int, typer.Option(help="Times are medians of so many, at most.")] = 3,
     light: Annotated[
-        str | None, typer.Option(help="As of 'softshadow render'.", metavar="SPEC")
+        list[str] | None,
+        typer.Option(help="As of 'softshadow render'; may be repeated.", metavar="SPEC"),
     ] = None,
-    size: Annotated[str, typer.Option(help="Pixels.", metavar="WxH")] = "512x512",
+    light_radius: Annotated[float | None, typer.Option(help="As of 'softshadow render'.")] = None,
+    up: Annotated[Up, typer.Option(help="The files' axis that points up.")] = Up.z,
+    size: Annotated[
+        str | None,
+        typer.Option(help="Pixels. Not given: the file's camera's, or 512x512.", metavar="WxH"),
+    ] = None,
     eye: Annotated[str | None, typer.Option(help="Camera.", metavar="X,Y,Z")] = None,
     target: Annotated[str | None, typer.Option(help="Where it looks.", metavar="X,Y,Z")] = None,
-    fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 45.0,
-    ground: Annotated[bool, typer.Option(help="A ground plane below the model.")] = True,
+    fov: Annotated[
+        float | None,
+        typer.Option(help="Vertical field of view, degrees. Not given: the file's, or 45."),
+    ] = None,
+    ground: Annotated[bool | None, typer.Option(help="As of 'softshadow render'.")] = None,
 ) -> None:
     """Measure methods on a model: how fast, how wrong; write pictures and a page.
 
@@ -225,23 +354,18 @@ def compare(
 
     if not checks.number(budget, "--budget", "seconds, or 0") >= 0:
         raise ValueError(f"--budget: expected seconds, or 0, got {budget}")
-    w, h = _size(size)
-    parsed = None if light is None else parse_light(light)
+    view = _View(light, eye, target, fov, _size(size), ground)
     chosen = None if method is None else [resolve(name) for name in method]
     output.mkdir(parents=True, exist_ok=True)
     found = {}
     for model, name in distinct_names(models).items():
-        scene = Scene.load(model)
-        camera = _camera(scene, eye, target, fov, w, h)
-        lit_by = light_for(scene) if parsed is None else parsed
-        if ground:
-            add_ground(scene, "ground" if "ground" not in scene.names else "ground_plane")
+        scene, camera, lit_by = view.of(model, up, light_radius)
         share = budget / len(models) if budget else None
         result = compare_methods(
             scene, camera, lit_by, chosen, repeats=repeats, progress=True, budget=share
         )
         found[name] = result
-        typer.echo(f"{model}: {scene}, {w}x{h}\n{table_text(result)}\n")
+        typer.echo(f"{model}: {scene}, {camera.width}x{camera.height}\n{table_text(result)}\n")
         for path in write_pictures(result, output, name):
             typer.echo(path)
     page = write_report(found, output / "report.html", commands=[shlex.join(_command())])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import trimesh
     from typing_extensions import Self
 
+    from softshadow.scene import Scene
+
 __all__ = [
     "SIDES",
     "Curves",
@@ -27,18 +29,54 @@ __all__ = [
     "MeshLike",
     "Spheres",
     "as_look",
+    "as_matrix",
+    "as_uv",
     "as_vertices",
     "bounds_of",
     "curve_arrays",
     "kind_of",
     "mesh_arrays",
+    "mesh_of",
     "sphere_arrays",
 ]
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
+    " | PolyData | TriangleMesh"
 )
 """What `Scene.add` takes."""
+
+
+class PolyData(Protocol):
+    """A mesh of PyVista, which is known by its attributes."""
+
+    @property
+    def points(self) -> Any:
+        """Positions, shape (V, 3)."""
+
+    @property
+    def is_all_triangles(self) -> Any:
+        """Whether no face has more than three corners."""
+
+    @property
+    def faces(self) -> Any:
+        """Of every face the number of its corners, and these."""
+
+    def triangulate(self) -> Any:
+        """Return the same surface made of triangles."""
+
+
+class TriangleMesh(Protocol):
+    """A mesh of Open3D, which is known by its attributes."""
+
+    @property
+    def vertices(self) -> Any:
+        """Positions, shape (V, 3)."""
+
+    @property
+    def triangles(self) -> Any:
+        """Vertices of faces, shape (F, 3)."""
+
 
 SIDES = (3, 64)
 """Flat sides that a curve's tube may have."""
@@ -80,6 +118,8 @@ class Mesh(_Entry):
     albedo : tuple of 3 floats
     opacity : float
     casts, receives : bool
+    uv : ndarray, shape (V, 2), float64, or None
+        Texture coordinates of the vertices, where there are any; the origin is at the lower left.
     """
 
     name: str
@@ -90,6 +130,8 @@ class Mesh(_Entry):
     opacity: float
     casts: bool
     receives: bool
+    # Changes no picture, and so no digest of a scene.
+    uv: npt.NDArray[np.float64] | None = field(default=None, kw_only=True, compare=False)
 
     def world_vertices(self) -> npt.NDArray[np.float64]:
         """Return the vertices in world space.
@@ -108,8 +150,8 @@ class Curves(Mesh):
 
     Attributes
     ----------
-    name, vertices, faces, transform, albedo, opacity, casts, receives
-        As of `Mesh`; the vertices and faces are those of the tubes.
+    name, vertices, faces, transform, albedo, opacity, casts, receives, uv
+        As of `Mesh`; the vertices and faces are those of the tubes, which have no ``uv``.
     points : ndarray, shape (P, 3), float64
         Object space.
     offsets : ndarray, shape (C + 1,), int64
@@ -195,22 +237,66 @@ def mesh_arrays(
     """Return contiguous, private copies of a mesh's vertices and faces."""
     if isinstance(mesh, (str, PathLike)):
         try:
-            return mesh_arrays(read(Path(mesh), max_bytes, max_corners))
+            return mesh_arrays(read(Path(mesh), max_bytes, max_corners).mesh)
         except ValueError as error:
             if str(error).startswith(str(mesh)):
                 raise
             raise ValueError(f"{mesh}: {error}") from None
-    if (arrays := from_trimesh(mesh)) is not None:
+    arrays = from_trimesh(mesh) or _from_attributes(mesh)
+    if arrays is not None:
         vertices, faces = arrays
     elif isinstance(mesh, tuple) and len(mesh) == 2:
         vertices, faces = mesh
     else:
         raise TypeError(
-            "mesh: expected trimesh.Trimesh, trimesh.Scene, a path or a pair "
-            f"(vertices, faces), got {type(mesh).__name__}"
+            "mesh: expected trimesh.Trimesh, trimesh.Scene, pyvista.PolyData, "
+            "open3d.geometry.TriangleMesh, a path or a pair (vertices, faces), "
+            f"got {type(mesh).__name__}"
         )
     v = as_vertices(vertices)
     return v, as_faces(faces, "mesh: faces", len(v))
+
+
+def _from_attributes(mesh: Any) -> tuple[npt.ArrayLike, npt.ArrayLike] | None:
+    """Return the arrays of a mesh of PyVista or Open3D, or None of anything else."""
+    if all(hasattr(mesh, name) for name in ("points", "faces", "is_all_triangles", "triangulate")):
+        every = mesh.is_all_triangles
+        if not (every() if callable(every) else every):  # a method in older versions
+            mesh = mesh.triangulate()
+        return np.asarray(mesh.points), np.asarray(mesh.faces).reshape(-1, 4)[:, 1:]
+    if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
+        return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    return None
+
+
+def as_matrix(matrix: npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:
+    """Return a copy of a matrix; the core checks its values."""
+    m = checks.numbers(matrix, what)
+    if m.shape != (4, 4):
+        raise ValueError(f"{what}: expected shape (4, 4), got {m.shape}")
+    return m
+
+
+def as_uv(uv: npt.ArrayLike, what: str, vertices: int) -> npt.NDArray[np.float64]:
+    """Return a copy of texture coordinates that cannot be changed."""
+    array = checks.numbers(uv, f"{what}: uv", "numbers")
+    if array.shape != (vertices, 2):
+        raise ValueError(f"{what}: expected uv of shape ({vertices}, 2), got {array.shape}")
+    return checks.frozen(array)
+
+
+def mesh_of(scene: Scene, name: str) -> Mesh:
+    """Return a scene's entry that is a mesh, curves included.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    entry = scene[name] if isinstance(name, str) and name in scene else None
+    if not isinstance(entry, Mesh):
+        raise ValueError(f"scene: no mesh named {name!r}; it has {list(scene)}")
+    return entry
 
 
 def sphere_arrays(

@@ -125,7 +125,7 @@ def light_for(scene: Scene) -> RectLight:
     return RectLight(center + distance * towards, edge * level, edge * np.cross(level, towards))
 
 
-def add_ground(scene: Scene, name: str = "ground") -> str:
+def add_ground(scene: Scene, name: str | None = None) -> str:
     """Add a horizontal square below a scene.
 
     Its side is four times the largest side of the scene's bounds, its middle is below theirs.
@@ -133,8 +133,8 @@ def add_ground(scene: Scene, name: str = "ground") -> str:
     Parameters
     ----------
     scene : Scene
-    name : str
-        Must be new.
+    name : str, optional
+        Must be new; ``"ground"``, numbered where that is taken, when not given.
 
     Returns
     -------
@@ -157,7 +157,8 @@ def add_ground(scene: Scene, name: str = "ground") -> str:
         (x + half, y + half, z),
         (x - half, y + half, z),
     ]
-    return scene.add((corners, [(0, 1, 2), (0, 2, 3)]), name=name)
+    free = scene._new_name(None, "ground") if name is None else name
+    return scene.add((corners, [(0, 1, 2), (0, 2, 3)]), free)
 
 
 def _bounding_sphere(scene: Scene) -> tuple[npt.NDArray[np.float64], float]:

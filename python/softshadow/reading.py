@@ -14,15 +14,18 @@ import sys
 import tarfile
 import zipfile
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     import numpy.typing as npt
     import trimesh
 
+    from softshadow.gltf import Header
+
+from softshadow import checks
 from softshadow.extras import needs
 
-__all__ = ["MAX_BYTES", "MAX_CORNERS", "from_trimesh", "read"]
+__all__ = ["MAX_BYTES", "MAX_CORNERS", "Loaded", "from_trimesh", "read"]
 
 MAX_BYTES = 2**29
 """Bytes of a file, or of what an archive holds, that are read unless the caller allows more."""
@@ -33,16 +36,52 @@ MAX_CORNERS = 4096
 _ARCHIVES = (".zip", ".gz", ".tgz", ".bz2")
 
 
+class Loaded(NamedTuple):
+    """What `trimesh` made of a file, the JSON of a glTF file, and textures that were left out."""
+
+    mesh: trimesh.Trimesh | trimesh.Scene
+    header: Header | None
+    textures: list[str]
+
+
+class _Materials:
+    """Hands an OBJ file's materials to `trimesh`, and notes textures, which nobody needs."""
+
+    def __init__(self, file: Path) -> None:
+        self.file_name = file.stem  # what `trimesh` calls a mesh without a name
+        self.textures: list[str] = []
+        self._folder = file.parent
+
+    def get(self, name: str) -> bytes:
+        if Path(name).suffix.lower() != ".mtl":
+            self.textures.append(name)
+            raise FileNotFoundError(name)
+        return (self._folder / name).read_bytes()
+
+    __getitem__ = get
+
+
 def read(
-    file: Path, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS
-) -> trimesh.Trimesh | trimesh.Scene:
+    file: Path, max_bytes: int = MAX_BYTES, max_corners: int = MAX_CORNERS, parts: bool = False
+) -> Loaded:
     """Return what a file holds, with nothing repaired or left out.
+
+    Parameters
+    ----------
+    file : Path
+    max_bytes, max_corners : int
+        As of `Scene.add`.
+    parts : bool
+        Whether an OBJ file's objects, groups and materials are told apart, and a glTF file's nodes
+        and materials named by their indices.
 
     Raises
     ------
     ValueError
         If it is too large, ends too early, has faces that are none, or cannot be read.
     """
+    max_bytes = checks.integer(max_bytes, "max_bytes", 1, 2**63 - 1)
+    max_corners = checks.integer(max_corners, "max_corners", 3, 2**63 - 1)
     if not file.is_file():
         raise ValueError(f"{file}: no such file")
     try:
@@ -56,11 +95,17 @@ def read(
         )
     kind = file.suffix.lower()
     source: Path | IO[bytes] = file
+    options: dict[str, Any] = {}
+    materials, header = _Materials(file), None
     if kind in (".obj", ".ply", ".off", ".stl"):
         data = file.read_bytes()
         try:
             if kind == ".obj":
                 source = io.BytesIO(_checked_obj(data, max_corners))
+                options = {"file_type": "obj", "skip_materials": True}
+                if parts:
+                    split = {"split_objects": True, "split_groups": True}
+                    options = {"file_type": "obj", "resolver": materials, **split}
             else:
                 {".ply": _check_ply, ".off": _check_off, ".stl": _check_stl}[kind](data)
         except _Broken as error:
@@ -68,10 +113,15 @@ def read(
     import trimesh  # here, since it takes longer to import than all of this package
 
     try:
-        if isinstance(source, Path):
-            return trimesh.load(file, process=False)
-        # Materials, which matter to nobody here, stay unread.
-        return trimesh.load(source, file_type="obj", process=False, skip_materials=True)
+        if parts and kind in (".glb", ".gltf"):
+            from softshadow import gltf
+
+            header, rest = gltf.read_header(file.read_bytes())
+            source = io.BytesIO(gltf.label(header, rest))
+            resolver = trimesh.resolvers.FilePathResolver(str(file))
+            options = {"file_type": kind[1:], "resolver": resolver}
+        mesh = trimesh.load(source, process=False, **options)
+        return Loaded(mesh, header, materials.textures)
     except Exception as error:  # trimesh raises whatever its readers raise
         if isinstance(error, ModuleNotFoundError) and "networkx" in str(error):
             with needs("io", str(file)):
@@ -131,10 +181,13 @@ def _contents(file: Path, most: int) -> int:
 def _checked_obj(data: bytes, max_corners: int) -> bytes:
     """Return an OBJ file's text with indices from the end made indices from the start."""
     lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").split(b"\n")
-    vertices, face, changed = 0, 0, False
+    counts = {b"v": 0, b"vt": 0, b"vn": 0}
+    face, changed = 0, False
     for number, line in enumerate(lines):
-        if line[:2] in (b"v ", b"v\t"):
-            vertices += 1
+        if line[:1] == b"v":
+            word = line.split(None, 1)[0]
+            if word in counts:
+                counts[word] += 1
             continue
         if line[:1] != b"f" or line[1:2] not in (b" ", b"\t"):
             continue
@@ -148,24 +201,28 @@ def _checked_obj(data: bytes, max_corners: int) -> bytes:
         if any(c[:1] == b"0" and not int(c.partition(b"/")[0] or b"0") for c in corners):
             raise _Broken(f"{where} refers to vertex 0, where the first is 1")
         if b"-" in line:
-            lines[number] = b"f " + b" ".join(_from_start(c, vertices, where) for c in corners)
+            lines[number] = b"f " + b" ".join(_from_start(c, counts, where) for c in corners)
             changed = True
     return b"\n".join(lines) if changed else data
 
 
-def _from_start(corner: bytes, vertices: int, where: str) -> bytes:
-    """Return the vertex of a corner, counted from the start; texture and normal do not matter."""
-    try:
-        index = int(corner.partition(b"/")[0])
-    except ValueError:
-        raise _Broken(f"{where} has a corner that is no integer: {corner!r}") from None
-    if index < 0:
-        index += vertices + 1
-        if index < 1:
-            raise _Broken(
-                f"{where} refers to vertex {corner.decode()}, where {vertices} are before it"
-            )
-    return str(index).encode()
+def _from_start(corner: bytes, counts: dict[bytes, int], where: str) -> bytes:
+    """Return a corner's indices of vertex, texture and normal, counted from the start."""
+    words = []
+    for kind, word in zip(counts, corner.split(b"/"), strict=False):
+        try:
+            index = int(word) if word or kind == b"v" else None
+        except ValueError:
+            raise _Broken(f"{where} has a corner that is no integer: {corner!r}") from None
+        if index is not None and index < 0:
+            index += counts[kind] + 1
+            if index < 1:
+                what = {b"v": "vertex", b"vt": "texture point", b"vn": "normal"}[kind]
+                raise _Broken(
+                    f"{where} refers to {what} {word.decode()}, where {counts[kind]} are before it"
+                )
+        words.append(b"" if index is None else str(index).encode())
+    return b"/".join(words)
 
 
 def _lines(text: bytes) -> list[bytes]:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from softshadow import _core, checks
+from softshadow import _core, checks, kernels
 from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
 from softshadow.entries import Mesh, Spheres
@@ -239,6 +239,76 @@ class Prepared:
             result = self._core.visibility(p, n, report)
         return result[0] if self._single else result
 
+    def irradiance(
+        self, points: npt.ArrayLike, normals: npt.ArrayLike, progress: Progress = False
+    ) -> npt.NDArray[np.float32]:
+        """Return the irradiance of the lights at points.
+
+        It is the closed form of what a whole light gives, times its visibility over the part above
+        the tangent plane: what ``radiance`` of an image has, over albedo / π. Images of
+        ``ray_traced`` and ``counted`` weight each sample: other values in penumbrae of wide lights.
+
+        Parameters
+        ----------
+        points : array_like, shape (N, 3)
+            World positions.
+        normals : array_like, shape (N, 3)
+            Surface normals of any length but zero.
+        progress : bool or callable
+            As in `render`.
+
+        Returns
+        -------
+        ndarray, shape (N, 3), float32
+            Linear RGB, the lights summed.
+
+        Raises
+        ------
+        ValueError
+            As `visibility`; or if there are no normals, or it overflows single precision.
+
+        Examples
+        --------
+        >>> import softshadow as ss
+        >>> setup = ss.scenes.half_plane(32, 24)
+        >>> prepared = ss.prepare(setup.scene, setup.light, "hard")
+        >>> lit = prepared.irradiance([(-2, 0, 0), (2, 0, 0)], [(0, 0, 1), (0, 0, 1)])
+        >>> lit.shape, bool(lit[0].any()), bool(lit[1].all())
+        ((2, 3), False, True)
+        """
+        if normals is None:
+            raise ValueError("normals: irradiance needs them, got None")
+        seen = np.atleast_2d(self.visibility(points, normals, progress))
+        p, n = as_points(points, "points"), as_points(normals, "normals")
+        total = np.zeros((len(p), 3))
+        for light, visible in zip(self.lights, seen, strict=True):
+            total += shadowed_irradiance(light, p, n, visible)[:, None] * np.array(light.radiance)
+        with np.errstate(over="ignore"):  # found at once
+            result = total.astype(np.float32)
+        if not np.all(np.isfinite(result)):
+            raise _core.ParameterError(
+                f"irradiance: it overflows single precision, {checks.MOST_SINGLE:.3e}; lower the "
+                "lights' radiance"
+            )
+        return result
+
+
+def shadowed_irradiance(
+    light: Light,
+    positions: npt.NDArray[np.float64],
+    normals: npt.NDArray[np.float64],
+    visibility: npt.NDArray[np.float32],
+) -> npt.NDArray[np.float64]:
+    """Return the closed form of the unshadowed irradiance, times visibility over its part.
+
+    Of a light of radiance 1; positions and normals have one axis more than the visibility.
+    """
+    p, n = positions.reshape(-1, 3), np.ascontiguousarray(normals.reshape(-1, 3))
+    part = kernels.light_fraction_above(light, p, n)
+    whole = kernels.unshadowed_irradiance(light, p, n)
+    ratio = np.divide(visibility.reshape(-1), part, out=np.zeros_like(part), where=part > 0)
+    return (whole * ratio).reshape(visibility.shape)
+
 
 def _prepare_again(entries: tuple[Mesh | Spheres, ...], light: LightLike, m: Method) -> Prepared:
     return Prepared(scene_of(entries), light, m)
@@ -362,3 +432,51 @@ def visibility(
         prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
         rest = bar.part(0.5, 1, f"{chosen.name}: visibility")
         return prepared.visibility(points, normals, rest)
+
+
+def irradiance(
+    scene: Scene,
+    points: npt.ArrayLike,
+    normals: npt.ArrayLike,
+    light: LightLike,
+    method: MethodLike = "ray_traced",
+    progress: Progress = False,
+) -> npt.NDArray[np.float32]:
+    """Return the irradiance of the lights at points.
+
+    Parameters
+    ----------
+    scene : Scene
+    points, normals
+        As of `Prepared.irradiance`.
+    light : light or sequence of lights
+    method : str or method
+        A name (see `method_names`) or a configured object, which answers at points.
+    progress : bool or callable
+        As in `render`.
+
+    Returns
+    -------
+    ndarray, shape (N, 3), float32
+        Linear RGB, the lights summed.
+
+    Raises
+    ------
+    ValueError
+        As `prepare` and `Prepared.irradiance`.
+
+    Examples
+    --------
+    >>> import math, softshadow as ss
+    >>> scene, light = ss.Scene(), ss.SphereLight((0, 0, 10), 1, radiance=4)
+    >>> ground = scene.add(ss.scenes.square(1))
+    >>> lit = ss.irradiance(scene, [(0, 0, 0)], [(0, 0, 1)], light)
+    >>> math.isclose(lit[0, 0], 4 * math.pi * (1 / 10) ** 2, rel_tol=1e-6)
+    True
+    """
+    chosen = resolve(method)
+    bar = Bar(progress, chosen.name)
+    with bar:
+        prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
+        rest = bar.part(0.5, 1, f"{chosen.name}: irradiance")
+        return prepared.irradiance(points, normals, rest)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,14 +20,20 @@ from softshadow.entries import (
     MeshLike,
     Spheres,
     as_look,
+    as_matrix,
+    as_uv,
     as_vertices,
     bounds_of,
     curve_arrays,
     kind_of,
     mesh_arrays,
+    mesh_of,
     sphere_arrays,
 )
 from softshadow.reading import MAX_BYTES, MAX_CORNERS
+
+if TYPE_CHECKING:
+    from softshadow.parts import UpAxis
 
 __all__ = ["Scene", "mesh_of", "scene_of"]
 
@@ -60,13 +66,45 @@ class Scene:
         self._entries: dict[str, Mesh | Spheres] = {}
 
     @classmethod
-    def load(cls, path: str | PathLike[str], **options: Any) -> Scene:
+    def load(
+        cls,
+        path: str | PathLike[str],
+        name: str | None = None,
+        albedo: RGB | None = None,
+        opacity: float | None = None,
+        casts: bool = True,
+        receives: bool = True,
+        transform: npt.ArrayLike | None = None,
+        *,
+        parts: bool = True,
+        up: UpAxis = "z",
+        scale: float = 1.0,
+        max_bytes: int = MAX_BYTES,
+        max_corners: int = MAX_CORNERS,
+    ) -> Scene:
         """Return a scene with one file's meshes.
+
+        Every node of a file and every group becomes an entry of its name, with the base colour,
+        opacity, transform and texture coordinates that the file states. What has no name has the
+        file's, and names that are taken are numbered. `softshadow.load` reads lights and cameras,
+        too, and tells what it leaves out.
 
         Parameters
         ----------
         path : path
-        **options
+        name : str, optional
+            Of the only entry.
+        albedo, opacity, casts, receives : optional
+            As of `add`, for all entries. Colours of files are taken as linear.
+        transform : array_like, shape (4, 4), optional
+            Applied to all entries, after `up` and `scale`.
+        parts : bool
+            False: one entry with all meshes, joined as by `add`, without the file's looks.
+        up : {"z", "y"}
+            The file's axis that points up; ``"y"`` becomes z, and z becomes -y.
+        scale : float
+            World units of a unit of the file, positive: 0.001 for millimetres in metres.
+        max_bytes, max_corners : int
             As of `add`.
 
         Returns
@@ -76,10 +114,19 @@ class Scene:
         Raises
         ------
         ValueError
-            As `add`.
+            As `add`; if nodes of a file have two parents or are their own ancestors, a transform is
+            singular (a scale of 0), or `name` is given for several entries.
         """
-        scene = cls()
-        scene.add(path, **options)
+        from softshadow.parts import add_parts, placement, read_model
+
+        scene, world = cls(), placement(up, scale, transform)
+        look: dict[str, Any] = {"casts": casts, "receives": receives}
+        look |= {k: v for k, v in (("albedo", albedo), ("opacity", opacity)) if v is not None}
+        limits: dict[str, Any] = {"max_bytes": max_bytes, "max_corners": max_corners}
+        if checks.flag(parts, "parts"):
+            add_parts(scene, read_model(Path(path), **limits), name, world, look)
+        else:
+            scene.add(path, name, transform=world, **look, **limits)
         return scene
 
     @property
@@ -142,6 +189,7 @@ class Scene:
         receives: bool = True,
         transform: npt.ArrayLike | None = None,
         *,
+        uv: npt.ArrayLike | None = None,
         max_bytes: int = MAX_BYTES,
         max_corners: int = MAX_CORNERS,
     ) -> str:
@@ -152,9 +200,11 @@ class Scene:
 
         Parameters
         ----------
-        mesh : trimesh.Trimesh, trimesh.Scene, path, or pair of arrays
+        mesh : trimesh.Trimesh, trimesh.Scene, path, pair of arrays, or mesh of another package
             A pair is ``(vertices (V, 3) float, faces (F, 3) int)``. A ``trimesh.Scene`` (and a file
-            that holds one) is joined to one mesh, its transforms applied.
+            that holds one) is joined to one mesh, its transforms applied; `load` keeps the parts.
+            ``pyvista.PolyData`` (polygons are triangulated) and ``open3d.geometry.TriangleMesh``
+            are taken, too.
         name : str, optional
             Must be new; chosen when not given.
         albedo : float or array_like of shape (3,)
@@ -167,6 +217,8 @@ class Scene:
             False: shaded as unshadowed.
         transform : array_like, shape (4, 4), optional
             As of `set_transform`.
+        uv : array_like, shape (V, 2), optional
+            Texture coordinates of the vertices, kept for who asks the entry for them.
         max_bytes : int
             Of a path: a file that is larger, or an archive that holds more, is an error before it
             is read. By default 512 MiB.
@@ -197,24 +249,18 @@ class Scene:
         1
         """
         is_path = isinstance(mesh, (str, PathLike))
-        limits = (
-            checks.integer(max_bytes, "max_bytes", 1, 2**63 - 1),
-            checks.integer(max_corners, "max_corners", 3, 2**63 - 1),
-        )
-        vertices, faces = mesh_arrays(mesh, *limits)
+        vertices, faces = mesh_arrays(mesh, max_bytes, max_corners)
         base = self._new_name(name, Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
         look = as_look(f"mesh {base!r}", albedo, opacity, casts, receives)
+        coordinates = None if uv is None else as_uv(uv, f"mesh {base!r}", len(vertices))
         self._core.add_mesh(base, vertices, faces, *look)
-        if transform is not None:
-            try:
-                placed = self._place(base, transform)
-            except (TypeError, ValueError):
-                self._core.remove(base)
-                raise
-        else:
-            placed = np.eye(4)
+        try:
+            placed = np.eye(4) if transform is None else self._place(base, transform)
+        except (TypeError, ValueError):
+            self._core.remove(base)
+            raise
         shape = checks.frozen(vertices), checks.frozen(faces), checks.frozen(placed)
-        self._entries[base] = Mesh(base, *(*shape, *look))
+        self._entries[base] = Mesh(base, *(*shape, *look), uv=coordinates)
         return base
 
     def add_spheres(
@@ -368,10 +414,7 @@ class Scene:
         self._entries[name] = replace(entry, transform=placed)
 
     def _place(self, name: str, matrix: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        what = f"mesh {name!r}: transform"
-        m = checks.numbers(matrix, what)
-        if m.shape != (4, 4):
-            raise ValueError(f"{what}: expected shape (4, 4), got {m.shape}")
+        m = as_matrix(matrix, f"mesh {name!r}: transform")
         self._core.set_transform(name, m)
         return m
 
@@ -405,10 +448,9 @@ class Scene:
         entry = mesh_of(self, name)
         v = as_vertices(vertices, f"mesh {name!r}")
         if isinstance(entry, Curves):
-            what = f'curves "{name}"'
-            if v.shape != entry.points.shape:
-                count, got = len(entry.points), len(v)
-                raise ValueError(f"{what}: expected {count} points as before, got {got}")
+            what, count = f'curves "{name}"', len(entry.points)
+            if len(v) != count:
+                raise ValueError(f"{what}: expected {count} points as before, got {len(v)}")
             tubes, _ = _core.kernels.curve_tubes(what, v, entry.offsets, entry.radii, entry.sides)
             self._core.set_vertices(name, tubes)
             entry = replace(entry, points=checks.frozen(v))
@@ -524,12 +566,11 @@ class Scene:
         """Return the name that was given, or a free one; the core refuses one that is taken."""
         if name is not None:
             return checks.name_of(name, "name")
-        if base not in self._entries:
-            return base
-        number = 2
-        while f"{base}_{number}" in self._entries:
+        free, number = base, 1
+        while free in self._entries:
             number += 1
-        return f"{base}_{number}"
+            free = f"{base}_{number}"
+        return free
 
     def __repr__(self) -> str:
         return f"Scene({', '.join(self._entries)}; {self.triangle_count} triangles)"
@@ -538,20 +579,6 @@ class Scene:
         from softshadow import showing
 
         return showing.scene_html(self)
-
-
-def mesh_of(scene: Scene, name: str) -> Mesh:
-    """Return a scene's entry that is a mesh, curves included.
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name.
-    """
-    entry = scene[name] if isinstance(name, str) and name in scene else None
-    if not isinstance(entry, Mesh):
-        raise ValueError(f"scene: no mesh named {name!r}; it has {list(scene)}")
-    return entry
 
 
 def scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
@@ -563,7 +590,7 @@ def scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
             curves = (e.points, e.offsets, e.radii, e.opacity)
             scene.add_curves(*curves, e.name, e.albedo, e.casts, e.receives, e.sides)
         elif isinstance(e, Mesh):
-            scene.add((e.vertices, e.faces), *look)
+            scene.add((e.vertices, e.faces), *look, uv=e.uv)
         else:
             scene.add_spheres(e.centers, e.radii, *look)
         if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):

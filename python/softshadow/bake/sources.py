@@ -21,7 +21,7 @@ from softshadow.entries import Mesh, Spheres
 from softshadow.extras import needs
 from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Accumulation, Method
-from softshadow.render import Prepared
+from softshadow.render import Prepared, shadowed_irradiance
 from softshadow.scene import Scene, mesh_of, scene_of
 
 __all__ = [
@@ -117,20 +117,6 @@ def _radiance(
     return radiance
 
 
-def _unshadowed(
-    light: Light,
-    positions: npt.NDArray[np.float64],
-    normals: npt.NDArray[np.float64],
-    visibility: npt.NDArray[np.float32],
-) -> npt.NDArray[np.float64]:
-    """Return the closed form of the unshadowed irradiance, times visibility over its part."""
-    p, n = positions.reshape(-1, 3), np.ascontiguousarray(normals.reshape(-1, 3))
-    part = kernels.light_fraction_above(light, p, n)
-    whole = kernels.unshadowed_irradiance(light, p, n)
-    ratio = np.divide(visibility.reshape(-1), part, out=np.zeros_like(part), where=part > 0)
-    return (whole * ratio).reshape(visibility.shape)
-
-
 class Accumulated(Job):
     """Textures of planar receivers by averaged hard shadows."""
 
@@ -198,7 +184,7 @@ class Accumulated(Job):
             positions = polygon.texel_positions()
             normals = np.broadcast_to(polygon.normal, positions.shape)
             irradiance = [
-                _unshadowed(light, positions, normals, v)
+                shadowed_irradiance(light, positions, normals, v)
                 for light, v in zip(self.lights, seen, strict=True)
             ]
         entry = self.entries[polygon.receiver]
@@ -291,7 +277,7 @@ class AtPoints(Job):
         seen[:, chart.known] = self.seen[i]
         irradiance = np.zeros(seen.shape)
         for k, light in enumerate(self.lights):
-            irradiance[k][chart.known] = _unshadowed(
+            irradiance[k][chart.known] = shadowed_irradiance(
                 light, chart.positions[chart.known], chart.normals[chart.known], self.seen[i][k]
             )
         radiance = _radiance(list(irradiance), self.lights, self.entries[chart.receiver], 0.0)

@@ -25,6 +25,7 @@ from softshadow.mitsuba.bridge import render, scene_dict
 from softshadow.mitsuba.direct import Direct
 from softshadow.mitsuba.image import MitsubaImage
 from softshadow.mitsuba.llvm import find_llvm
+from softshadow.mitsuba.loading import from_dict, from_scene
 
 __all__ = [
     "Direct",
@@ -32,6 +33,8 @@ __all__ = [
     "RayOffset",
     "ZTest",
     "find_llvm",
+    "from_dict",
+    "from_scene",
     "ray_offset",
     "render",
     "scene_dict",

@@ -64,7 +64,7 @@ def variant_set(name: str | None) -> Iterator[ModuleType]:
             mi.set_variant(previous)
 
 
-def scene_dict(scene: Scene, camera: Camera, light: Light, samples: int = 16) -> dict[str, Any]:
+def scene_dict(scene: Scene, camera: Camera, light: LightLike, samples: int = 16) -> dict[str, Any]:
     """Return a dictionary that ``mitsuba.load_dict`` renders to the same picture.
 
     Meshes are placed with their transforms applied. Opaque scenes use the ``direct`` integrator
@@ -76,16 +76,18 @@ def scene_dict(scene: Scene, camera: Camera, light: Light, samples: int = 16) ->
     ----------
     scene : Scene
     camera : Camera
-    light : RectLight, DiskLight or SphereLight
-        One light: with several in a scene, Mitsuba lets them shadow each other.
+    light : light or sequence of lights
+        With several in a scene, Mitsuba lets them shadow each other, and samples one at a time.
     samples : int
         Samples per pixel, each with one light sample.
 
     Returns
     -------
     dict
-        With the keys ``type``, ``integrator``, ``sensor``, ``light`` and one ``entry_<i>`` for
-        every mesh, ``entry_<i>_<j>`` for every sphere, numbered as in ``scene.entries``.
+        With the keys ``type``, ``integrator``, ``sensor``, ``light`` (``light_<i>`` of a sequence)
+        and one ``entry_<i>`` for every mesh, ``entry_<i>_<j>`` for every sphere, numbered as in
+        ``scene.entries``. Meshes have the entries' names, and spheres have them as their ids, with
+        ``[<j>]`` where there are several; `from_dict` makes the same scene of them.
 
     Raises
     ------
@@ -109,8 +111,10 @@ def scene_dict(scene: Scene, camera: Camera, light: Light, samples: int = 16) ->
         "type": "scene",
         "integrator": _integrator(transparent, 1),
         "sensor": _sensor(mi, scene, camera, samples),
-        "light": _light(mi, light),
     }
+    lights, single = as_lights(light)
+    for i, one in enumerate(lights):
+        result["light" if single else f"light_{i}"] = _light(mi, one)
     for i, entry in enumerate(scene.entries):
         bsdf = _bsdf(entry.albedo, entry.opacity)
         if isinstance(entry, Mesh):
@@ -119,6 +123,7 @@ def scene_dict(scene: Scene, camera: Camera, light: Light, samples: int = 16) ->
             for j, (center, radius) in enumerate(zip(entry.centers, entry.radii, strict=True)):
                 result[f"entry_{i}_{j}"] = {
                     "type": "sphere",
+                    "id": f"{entry.name}[{j}]" if len(entry.radii) > 1 else entry.name,
                     "center": center.tolist(),
                     "radius": float(radius),
                     "bsdf": bsdf,

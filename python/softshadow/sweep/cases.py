@@ -219,7 +219,7 @@ def made(source: SceneSource) -> Made:
     if isinstance(thing, (str, PathLike)):
         scene = Scene.load(thing)
         camera, light = framing.frame(scene)
-        framing.add_ground(scene, "ground" if "ground" not in scene.names else "ground_plane")
+        framing.add_ground(scene)
         return Made(scene, light, camera)
     if isinstance(thing, Scene):
         camera, light = framing.frame(thing)

@@ -49,7 +49,7 @@ def _feed(state: hashlib.blake2b, thing: object) -> None:
     elif is_dataclass(thing) and not isinstance(thing, type):
         state.update(f"{type(thing).__name__};".encode())
         for field in fields(thing):
-            if field.init:  # the others are made from these
+            if field.init and field.compare:  # the others are made from these or change no picture
                 _feed(state, field.name)
                 _feed(state, getattr(thing, field.name))
     elif isinstance(thing, Mapping):
