@@ -47,7 +47,7 @@ class Reference:
     store : Store
     key : str
         What it is known by; a reference that the store has is read.
-    method : Method
+    method : Method or renderer
         With ``samples`` and ``seed``: two halves, with up to as many samples each. Without: one
         picture, whose own error nobody knows.
     seconds : float or None
@@ -55,7 +55,7 @@ class Reference:
     """
 
     def __init__(
-        self, store: Store, key: str, method: Method, seconds: float | None = None
+        self, store: Store, key: str, method: Measurable, seconds: float | None = None
     ) -> None:
         self._seconds = seconds
         self._store = store
@@ -107,7 +107,7 @@ class Reference:
         grown = 2 * _GROWTH * float(self._about.get("seconds", 0.0))
         return self._seconds is not None and grown > self._seconds
 
-    def next(self) -> tuple[Method, ...]:
+    def next(self) -> tuple[Measurable, ...]:
         """Return the methods whose pictures make the next, better one."""
         if not self._halves:
             return (self._method,)

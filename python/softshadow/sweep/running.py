@@ -17,8 +17,7 @@ from softshadow.arguments import Bar, Progress
 from softshadow.camera import Camera
 from softshadow.extras import require
 from softshadow.light import LightLike
-from softshadow.methods import MethodLike, resolve
-from softshadow.renderers import resolve_measurable
+from softshadow.renderers import Measurable, resolve_measurable
 from softshadow.sweep.cases import Case, Made, made, resolved
 from softshadow.sweep.columns import row_of
 from softshadow.sweep.digests import digest
@@ -40,7 +39,7 @@ def sweep(
     cases: Iterable[Case],
     store: str | os.PathLike[str] = "results.parquet",
     executor: Executor | None = None,
-    reference: MethodLike | None = None,
+    reference: str | Measurable | None = None,
     repeats: int = 3,
     images: str | os.PathLike[str] | None = None,
     progress: Progress = True,
@@ -70,7 +69,7 @@ def sweep(
     executor : concurrent.futures.Executor, optional
         Where cases are measured: a process pool, Dask's ``Client.get_executor()``, anything with
         that interface. In this process, when not given.
-    reference : str or method, optional
+    reference : str, method or renderer, optional
         With samples and seed: two pictures with seeds of their own and at most so many samples
         each, which grow until their mean's own error is a tenth of the smallest that it judges.
         Without: one picture. `RayTraced` with up to 16384 samples, when not given.
@@ -142,7 +141,7 @@ def sweep(
         repeats=checks.integer(repeats, "repeats", 1, 1_000_000),
         threads=None if threads is None else checks.integer(threads, "threads", 1, 1024),
         alone=checks.flag(alone, "alone"),
-        reference=REFERENCE if reference is None else resolve(reference),
+        reference=REFERENCE if reference is None else resolve_measurable(reference),
         images=None if images is None else Path(images),
         repeat_seconds=_seconds(repeat_seconds, "repeat_seconds"),
         reference_seconds=_seconds(reference_seconds, "reference_seconds"),
