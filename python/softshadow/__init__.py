@@ -30,6 +30,7 @@ from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
+from softshadow.estimate import ErrorEstimate, estimate_error
 from softshadow.fronts import front
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.methods import (
@@ -77,6 +78,7 @@ __all__ = [
     "Curves",
     "DeepShadow",
     "DiskLight",
+    "ErrorEstimate",
     "Hard",
     "Image",
     "Light",
@@ -106,6 +108,7 @@ __all__ = [
     "bake",
     "bake_layout",
     "compare",
+    "estimate_error",
     "front",
     "grid",
     "kernels",
