@@ -26,6 +26,7 @@ from softshadow._core import (
     UnsupportedError,
     __version__,
 )
+from softshadow.auto import Auto, Step
 from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
@@ -68,6 +69,7 @@ if _TYPE_CHECKING:
 
 __all__ = [
     "Accumulation",
+    "Auto",
     "Bake",
     "BakedTexture",
     "Camera",
@@ -102,6 +104,7 @@ __all__ = [
     "SphereLight",
     "Spheres",
     "Ssoc",
+    "Step",
     "UnsupportedError",
     "Wedges",
     "__version__",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,7 +26,7 @@ from softshadow.probing import Strata, interval, neighbourhood
 from softshadow.render import Image, prepare
 from softshadow.scene import Scene
 
-__all__ = ["ErrorEstimate", "estimate_error"]
+__all__ = ["ErrorEstimate", "Judge", "estimate_error"]
 
 _Doubles = npt.NDArray[np.float64]
 _Places = npt.NDArray[np.int64]
@@ -43,9 +44,14 @@ _SHARE = 0.01
 _SAMPLES = (256, 16384)
 """Light samples of each of a probe's two halves: at first, and at most."""
 
+_SMALL = 1e-3
+"""An error below which none is told apart as precisely as a part of itself: a visibility of a
+thousandth is what a picture of eight bits does not show, and takes a hundred thousand samples."""
+
 _NOISE = 0.1
-"""Which part of the mean squared error the probes' own noise may be before they get more samples.
-It makes no bias, but what is unsure of each probe."""
+"""Up to which part of the mean squared error the probes' own noise is: where the interval is too
+wide, more samples help if there is more noise, and more probes otherwise. Noise makes no bias, and
+what it makes unsure is in the interval."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +128,9 @@ def estimate_error(
     confidence : float
         Probability with which the interval holds the true error, 0.5 to 0.9999.
     precision : float
-        Probes are added, twice as many each time, until the interval is no wider than twice this
-        part of the estimate; above 0.
+        Until the interval is no wider than twice this part of the estimate (of 0.001 where that is
+        more), probes have four times
+        the samples, where noise is what makes it wide, or there are twice as many; above 0.
     probes : int
         About how many there are at most, from 1 on. The first round has 512, or a hundredth of the
         pixels where that is more.
@@ -164,10 +171,14 @@ def estimate_error(
     visibility = _visibility(image, camera, None if single else len(lights))
     bar = Bar(progress, "estimate_error")
     with bar:
-        judge = _Judge(scene, camera, light, seed, bar)
+        judge = Judge(scene, camera, light, seed, bar)
         if isinstance(image, Image) and not np.array_equal(image.mask, judge.look.mask):
             raise ValueError("image: it hits other pixels than this camera sees in this scene")
-        return judge.estimate(visibility, confidence, precision, probes)
+
+        def enough(mean: float, low: float, high: float) -> bool:
+            return high - low <= 2 * precision * max(mean, _SMALL)
+
+        return judge.estimate(visibility, confidence, enough, probes)
 
 
 def _within(value: float, what: str, low: float, high: float) -> float:
@@ -192,32 +203,67 @@ def _visibility(image: Image | npt.ArrayLike, camera: Camera, lights: int | None
     return values.reshape(-1, camera.height, camera.width)
 
 
-class _Judge:
-    """The reference for one view, with the rough look; judges any number of pictures of it."""
+class Judge:
+    """The reference for one view, with the rough look; judges any number of pictures of it.
 
-    def __init__(self, scene: Scene, camera: Camera, light: LightLike, seed: int, bar: Bar) -> None:
+    Attributes
+    ----------
+    look : Image
+    lights : list of lights
+    single : bool
+        Whether one light was given by itself.
+    ends : tuple of float
+        Which part of the bar the probes are that come next.
+    seconds : dict
+        As of `ErrorEstimate`, of all pictures so far.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera,
+        light: LightLike,
+        seed: int,
+        bar: Bar,
+        ends: tuple[float, float] = (0.0, 0.3),
+    ) -> None:
         start = time.perf_counter()
         # Seeds far from those that methods have by default: their samples are not these.
         self._seeds = np.random.SeedSequence([seed, 0x9E3779B9])
         self._scene, self._light, self._bar = scene, light, bar
-        self.lights, self._single = as_lights(light)
+        self.lights, self.single = as_lights(light)
         method = RayTraced(samples=_LOOK_SAMPLES, seed=self._seed())
-        prepared = prepare(scene, self.lights, method, bar.part(0.0, 0.1, "estimate: look"))
-        self.look: Image = prepared.render(camera, bar.part(0.1, 0.3, "estimate: look"))
+        middle = 0.7 * ends[0] + 0.3 * ends[1]
+        prepared = prepare(scene, self.lights, method, bar.part(ends[0], middle, "estimate: look"))
+        self.look: Image = prepared.render(camera, bar.part(middle, ends[1], "estimate: look"))
         mask = self.look.mask
         self._points, self._normals = self.look.position[mask], self.look.normal[mask]
         receives = np.array([entry.receives for entry in scene.entries])
         self._shaded = receives[self.look.mesh_id[mask]]
-        self._told = 0.3
+        self.ends = ends[1], 1.0
         self.seconds = {"look": time.perf_counter() - start, "probes": 0.0}
 
     def _seed(self) -> int:
         return int(self._seeds.spawn(1)[0].generate_state(1, np.uint64)[0])
 
     def estimate(
-        self, visibility: _Doubles, confidence: float, precision: float, probes: int
+        self,
+        visibility: _Doubles,
+        confidence: float,
+        enough: Callable[[float, float, float], bool],
+        probes: int,
     ) -> ErrorEstimate:
-        """Ask at more and more pixels until the interval is narrow enough."""
+        """Ask at more and more pixels until an error and its interval are known well enough.
+
+        Parameters
+        ----------
+        visibility : ndarray, shape (L, H, W), float64
+        confidence : float
+        enough : callable
+            Is told the error and the ends of its interval.
+        probes : int
+            Most of them.
+        """
         start = time.perf_counter()
         mask = self.look.mask
         seen = visibility[:, mask]
@@ -231,14 +277,19 @@ class _Judge:
         strata = Strata(self._suspicion(visibility), rng)
         found = _Answers(self, seen, strata)
         total = min(probes, max(_FIRST, math.ceil(_SHARE * pixels)))
+        found.ask(total)
         while True:
-            found.ask(total)
-            mean, low, high = found.interval(None, confidence)
-            wide = math.sqrt(high) - math.sqrt(low) > 2 * precision * math.sqrt(max(mean, 0.0))
-            if not wide or total >= min(probes, pixels):
+            ends = (math.sqrt(max(x, 0.0)) for x in found.interval(None, confidence))
+            if enough(*ends):
                 break
-            total *= 2
-        self.seconds["probes"] = time.perf_counter() - start
+            if found.noisy and found.samples < _SAMPLES[1]:
+                found.ask_again()
+            elif total < min(probes, pixels):
+                total *= 2
+                found.ask(total)
+            else:
+                break
+        self.seconds["probes"] += time.perf_counter() - start
         return found.estimate(confidence, self)
 
     def _suspicion(self, visibility: _Doubles) -> _Doubles:
@@ -253,11 +304,11 @@ class _Judge:
         """Return two independent answers of the reference, shape (2, L, N)."""
         points, normals = self._points[places], self._normals[places]
         shaded = self._shaded[places]
-        self._told += 0.5 * (0.99 - self._told)
-        ends = self._told - (0.99 - self._told), self._told
-        middle = 0.5 * (ends[0] + ends[1])
+        first, last = self.ends
+        middle, end = 0.75 * first + 0.25 * last, 0.5 * (first + last)
+        self.ends = end, last  # there may be more
         both = np.empty((2, len(self.lights), len(places)))
-        for half, part in enumerate(((ends[0], middle), (middle, ends[1]))):
+        for half, part in enumerate(((first, middle), (middle, end))):
             method = RayTraced(samples=samples, seed=self._seed())
             prepared = prepare(self._scene, self.lights, method)
             tell = self._bar.part(*part, "estimate: probes")
@@ -271,7 +322,7 @@ class _Judge:
 class _Answers:
     """What the reference has said so far of one picture."""
 
-    def __init__(self, judge: _Judge, seen: _Doubles, strata: Strata) -> None:
+    def __init__(self, judge: Judge, seen: _Doubles, strata: Strata) -> None:
         self._judge, self._seen, self.strata = judge, seen, strata
         self._counts = np.zeros_like(strata.sizes)
         self.samples = _SAMPLES[0]
@@ -282,13 +333,15 @@ class _Answers:
         self._own = [np.empty((lights, 0)) for _ in strata.sizes]
 
     def ask(self, total: int) -> None:
-        """Ask at about so many pixels in all, with samples enough."""
+        """Ask at about so many pixels in all; what was asked before stays."""
         counts = self.strata.counts(total)
         self._ask(self._counts, counts)
         self._counts = counts
-        while self._noisy() and self.samples < _SAMPLES[1]:
-            self.samples *= 4
-            self._ask(np.zeros_like(counts), counts)
+
+    def ask_again(self) -> None:
+        """Ask at the same pixels with four times the samples."""
+        self.samples *= 4
+        self._ask(np.zeros_like(self._counts), self._counts)
 
     def _ask(self, first: _Places, counts: _Places) -> None:
         drawn = [d[n:] for d, n in zip(self.strata.drawn(counts), first, strict=True)]
@@ -308,7 +361,8 @@ class _Answers:
             for s, part in enumerate(np.split(new, ends, axis=1)):
                 kept[s] = np.concatenate([kept[s][:, : first[s]], part], axis=1)
 
-    def _noisy(self) -> bool:
+    @property
+    def noisy(self) -> bool:
         """Whether the reference's own squared error is more than a small part of what it judges."""
         own, mean = (
             sum(n * x.mean() for n, x in zip(self.strata.sizes, values, strict=True))
@@ -327,8 +381,8 @@ class _Answers:
         mean, low, high = interval(self.strata.sizes, values, noise, confidence)
         return mean, min(low, 1.0), min(high, 1.0)  # nothing is off by more
 
-    def estimate(self, confidence: float, judge: _Judge) -> ErrorEstimate:
-        several = () if judge._single else range(len(self._seen))
+    def estimate(self, confidence: float, judge: Judge) -> ErrorEstimate:
+        several = () if judge.single else range(len(self._seen))
         lights = tuple(self._of(light, confidence, judge, ()) for light in several)
         return self._of(None, confidence, judge, lights)
 
@@ -336,7 +390,7 @@ class _Answers:
         self,
         light: int | None,
         confidence: float,
-        judge: _Judge,
+        judge: Judge,
         lights: tuple[ErrorEstimate, ...],
     ) -> ErrorEstimate:
         mean, low, high = (math.sqrt(max(x, 0.0)) for x in self.interval(light, confidence))
@@ -347,7 +401,7 @@ class _Answers:
         unseen = self._unseen(confidence)
         return ErrorEstimate(
             *(mean, low, high, confidence, probes, samples, unseen, errors, lights),
-            seconds=judge.seconds,
+            seconds=dict(judge.seconds),
         )
 
     def _unseen(self, confidence: float) -> float:
