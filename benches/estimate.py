@@ -1,10 +1,12 @@
 """Measures how often `softshadow.estimate_error` holds the true error, and what it takes.
 
-``python benches/estimate.py --size 160 --views 3 --seeds 4``
+``python benches/estimate.py --parts estimate auto --size 160 --views 3 --seeds 4``
 
 Scenes under lights of three sizes are seen from several sides; every picture of each is judged with
 several seeds, and the interval is held against the mean of ``(v - a) (v - b)`` over all pixels, of
-two references with 2048 samples each. *wrong 3* is `ray_traced` with three pixels turned over.
+two references with 2048 samples each. *wrong 3* is `ray_traced` with three pixels turned over. The
+part ``auto`` asks `softshadow.Auto` for three errors of the same views, and tells how often they
+are kept.
 """
 
 from __future__ import annotations
@@ -38,6 +40,10 @@ METHODS = {
 }
 
 
+ERRORS = (0.03, 0.01, 0.004)
+"""What `Auto` is asked for."""
+
+
 def turned(camera: ss.Camera, angle: float) -> ss.Camera:
     """Return a camera that went round the scene's vertical axis."""
     c, s = np.cos(angle), np.sin(angle)
@@ -58,30 +64,59 @@ def pictures(setup: ss.scenes.Setup, camera: ss.Camera, rng: np.random.Generator
     yield "wrong 3", image.visibility
 
 
-def measured(size: int, views: int, seeds: int):
-    """Yield a row an estimate."""
-    rng = np.random.default_rng(0)
-    for scene, make in SCENES.items():
+def seen_from(size: int, views: int, scenes: list[str], rng: np.random.Generator):
+    """Yield every scene under every light from some sides, with two references."""
+    for scene in scenes:
         for width in LIGHTS:
-            setup = make(size, width)
+            setup = SCENES[scene](size, width)
             for view in range(views):
                 camera = turned(setup.camera, rng.uniform(0, 2 * np.pi))
-                a, b = (
+                references = [
                     ss.render(setup.scene, camera, setup.light, ss.RayTraced(2048, seed=seed))
                     for seed in (1001, 1002)
-                )
-                for picture, seen in pictures(setup, camera, rng):
-                    off = (seen.astype(float) - a.visibility) * (seen - b.visibility)
-                    true = max(off[a.mask].mean(), 0.0) ** 0.5
-                    for seed in range(seeds):
-                        start = time.perf_counter()
-                        e = ss.estimate_error(seen, setup.scene, camera, setup.light, seed=seed)
-                        yield {
-                            **{"scene": scene, "light": width, "view": view, "picture": picture},
-                            **{"seed": seed, "true": true, "rmse": e.rmse, "low": e.low},
-                            **{"high": e.high, "probes": e.probes, "samples": e.samples},
-                            "seconds": time.perf_counter() - start,
-                        }
+                ]
+                yield {"scene": scene, "light": width, "view": view}, setup, camera, references
+
+
+def true_error(visibility, references) -> float:
+    """Return the root mean square error without the references' noise."""
+    a, b = references
+    off = (visibility.astype(float) - a.visibility) * (visibility - b.visibility)
+    return max(off[a.mask].mean(), 0.0) ** 0.5
+
+
+def of_estimates(size: int, views: int, seeds: int, scenes: list[str]):
+    """Yield a row an estimate."""
+    rng = np.random.default_rng(0)
+    for case, setup, camera, references in seen_from(size, views, scenes, rng):
+        for picture, seen in pictures(setup, camera, rng):
+            true = true_error(seen, references)
+            for seed in range(seeds):
+                start = time.perf_counter()
+                e = ss.estimate_error(seen, setup.scene, camera, setup.light, seed=seed)
+                seconds = time.perf_counter() - start
+                yield {
+                    **{**case, "picture": picture, "seed": seed, "true": true, "rmse": e.rmse},
+                    **{"low": e.low, "high": e.high, "probes": e.probes, "samples": e.samples},
+                    "seconds": seconds,
+                }
+
+
+def of_auto(size: int, views: int, seeds: int, scenes: list[str]):
+    """Yield a row a picture by `softshadow.Auto`."""
+    for case, setup, camera, references in seen_from(size, views, scenes, np.random.default_rng(1)):
+        for error in ERRORS:
+            for seed in range(seeds):
+                seed += int(1e5 * error)  # of its own, or one estimate would count three times
+                image = ss.Auto(error, seed=seed).render(setup.scene, camera, setup.light)
+                e = image.error
+                yield {
+                    **{**case, "asked": error, "seed": seed},
+                    **{"true": true_error(image.visibility, references), "rmse": e.rmse},
+                    **{"low": e.low, "high": e.high, "probes": e.probes, "samples": e.samples},
+                    **{"by": image.choice[-1].method.name, "pictures": len(image.choice)},
+                    **{"seconds": image.seconds["frame"], "judging": image.seconds["probes"]},
+                }
 
 
 def summary(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -99,8 +134,17 @@ def summary(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     return shares.join(middle.median()).assign(runs=groups.size())
 
 
+def report(rows: pd.DataFrame, *by: list[str]) -> None:
+    """Print coverage by some columns, and of all."""
+    for columns in by:
+        print(summary(rows, columns).to_string(float_format="{:.4g}".format), "\n")
+    print(f"inside: {summary(rows.assign(all='all'), ['all']).inside.iloc[0]:.3f} of {len(rows)}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--parts", nargs="+", choices=["estimate", "auto"], default=["estimate"])
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
     parser.add_argument("--size", type=int, default=160, help="pixels a side")
     parser.add_argument("--views", type=int, default=3)
     parser.add_argument("--seeds", type=int, default=4)
@@ -108,11 +152,18 @@ def main() -> None:
     options = parser.parse_args()
     if options.quick:
         options.size, options.views, options.seeds = 64, 1, 1
-    table("estimate", measured(options.size, options.views, options.seeds))
-    rows = pd.read_csv(RESULTS / "estimate.csv")
-    for by in (["picture"], ["scene", "light"]):
-        print(summary(rows, by).to_string(float_format="{:.4g}".format), "\n")
-    print(f"inside in all: {summary(rows.assign(all='all'), ['all']).inside.iloc[0]:.3f}")
+    chosen = options.size, options.views, options.seeds, options.scenes
+    if "estimate" in options.parts:
+        table("estimate", of_estimates(*chosen))
+        report(pd.read_csv(RESULTS / "estimate.csv"), ["picture"], ["scene", "light"])
+    if "auto" in options.parts:
+        table("auto", of_auto(*chosen))
+        rows = pd.read_csv(RESULTS / "auto.csv")
+        rows["kept"] = rows.true <= rows.asked
+        report(rows, ["asked"], ["scene", "light"], ["scene", "asked", "by"])
+        print(
+            f"kept: {rows.kept.mean():.3f}, by asked: {rows.groupby('asked').kept.mean().to_dict()}"
+        )
 
 
 if __name__ == "__main__":

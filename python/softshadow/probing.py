@@ -162,9 +162,9 @@ def interval(
     tail = (1.0 - confidence) / 2.0
     low = gamma_quantile(tail, max(mean, 0.0), variance)
     high = gamma_quantile(1.0 - tail, max(mean, 0.0) + further, variance + further**2)
-    # A gamma distribution whose mean is far below its deviation lies at 0: not so what noise makes.
-    plain = mean + _normal_quantile(1.0 - tail) * math.sqrt(variance)
-    return mean, min(low, max(mean, 0.0)), max(high, plain, mean, 0.0)
+    # Noise has no such skew: both ends are no nearer than those of a normal distribution.
+    plain = _normal_quantile(1.0 - tail) * math.sqrt(variance)
+    return mean, max(min(low, mean - plain), 0.0), max(high, mean + plain, 0.0)
 
 
 def gamma_quantile(part: float, mean: float, variance: float) -> float:
