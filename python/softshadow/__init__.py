@@ -26,10 +26,12 @@ from softshadow._core import (
     UnsupportedError,
     __version__,
 )
+from softshadow.auto import Auto, Step
 from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
+from softshadow.estimate import ErrorEstimate, estimate_error
 from softshadow.fronts import front
 from softshadow.light import DiskLight, Light, RectLight, SphereLight
 from softshadow.loading import Setup, frame, load
@@ -68,6 +70,7 @@ if _TYPE_CHECKING:
 
 __all__ = [
     "Accumulation",
+    "Auto",
     "Bake",
     "BakedTexture",
     "Camera",
@@ -78,6 +81,7 @@ __all__ = [
     "Curves",
     "DeepShadow",
     "DiskLight",
+    "ErrorEstimate",
     "Hard",
     "Image",
     "Light",
@@ -102,12 +106,14 @@ __all__ = [
     "SphereLight",
     "Spheres",
     "Ssoc",
+    "Step",
     "UnsupportedError",
     "Wedges",
     "__version__",
     "bake",
     "bake_layout",
     "compare",
+    "estimate_error",
     "frame",
     "front",
     "grid",

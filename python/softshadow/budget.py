@@ -15,7 +15,7 @@ from softshadow.camera import Camera
 from softshadow.methods import Method, RayTraced
 from softshadow.render import Image
 
-__all__ = ["Budget", "affordable_reference", "in_rounds", "small"]
+__all__ = ["Budget", "affordable_reference", "estimated", "in_rounds", "small"]
 
 _SHRINK = 8
 """How much smaller the picture is that an estimate is measured on, a side."""
@@ -136,7 +136,8 @@ class Estimate:
         return f"up to {_plain(self.most)} s, as {self.size} took {_plain(self.least)} s"
 
 
-def _estimate(method: Method, camera: Camera, render: Render, progress: Progress) -> Estimate:
+def estimated(method: Method, camera: Camera, render: Render, progress: Progress) -> Estimate:
+    """Return what a method will take, from a small picture."""
     few = small(camera)
     image = render(method, few, progress)
     prepare, frame = image.seconds["prepare"], image.seconds["frame"]
@@ -160,7 +161,7 @@ def affordable_reference(
 
     The time is that of a small picture; samples are halved down to 256.
     """
-    seconds = _estimate(method, camera, render, False).most
+    seconds = estimated(method, camera, render, False).most
     while seconds > _REFERENCE_SHARE * budget.left and method.samples > _FEWEST_SAMPLES:
         method = replace(method, samples=method.samples // 2)
         seconds /= 2
@@ -266,7 +267,7 @@ class _Run:
         """Estimate a method's seconds; False if that would take longer than the limit."""
         told = self.budget.limit(limit)
         try:
-            found = _estimate(self.methods[label], self.camera, self.render, told)
+            found = estimated(self.methods[label], self.camera, self.render, told)
         except OverBudgetError:
             size = _size(small(self.camera))
             reason = f"over the budget: over {_plain(limit)} s for {size} alone"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,10 @@ from softshadow.entries import Mesh, Spheres
 from softshadow.light import Light, LightLike, as_lights
 from softshadow.methods import Method, MethodLike, resolve
 from softshadow.scene import Scene, scene_of
+
+if TYPE_CHECKING:
+    from softshadow.auto import Step
+    from softshadow.estimate import ErrorEstimate
 
 Png: TypeAlias = bytes
 """A file's contents; the name `bytes` is a field of `Image`."""
@@ -53,6 +57,10 @@ class Image:
         textures. A process grows by more: while maps and textures are built by up to 2.7 times
         that, with the scene by up to 400 bytes a triangle (measured at a million: 302 for
         ``hard``, 380 for ``ray_traced``), and by 256 bytes a pixel of the image.
+    error : ErrorEstimate, optional
+        How wrong it is: of images by `softshadow.Auto`.
+    choice : tuple of Step
+        What `softshadow.Auto` tried, in order; of other images empty.
     by_rays : float
         The share of pixels and lights that the method answered by rays to all their light samples
         where its own way could not, 0 to 1. Only ``counted`` does that.
@@ -80,6 +88,8 @@ class Image:
     seconds: dict[str, float]
     bytes: int
     by_rays: float = 0.0
+    error: ErrorEstimate | None = None
+    choice: tuple[Step, ...] = ()
 
     def __repr__(self) -> str:
         height, width = self.mask.shape

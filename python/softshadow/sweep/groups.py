@@ -20,7 +20,6 @@ import numpy.typing as npt
 from softshadow import metrics
 from softshadow.camera import Camera
 from softshadow.light import LightLike
-from softshadow.methods import Method
 from softshadow.renderers import Measurable
 from softshadow.sweep.columns import row_of
 from softshadow.sweep.references import Reference
@@ -39,7 +38,7 @@ class Settings:
     repeats : int
     threads : int or None
     alone : bool
-    reference : Method
+    reference : Method or Renderer
     images : Path or None
         The folder of the pictures.
     repeat_seconds : float or None
@@ -49,7 +48,7 @@ class Settings:
     repeats: int
     threads: int | None
     alone: bool
-    reference: Method
+    reference: Measurable
     images: Path | None
     repeat_seconds: float | None = None
     reference_seconds: float | None = None

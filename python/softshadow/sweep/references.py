@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from softshadow import metrics
 from softshadow.compare import DEFAULT_REFERENCE, label_of
-from softshadow.methods import Method, RayTraced
+from softshadow.methods import RayTraced
 from softshadow.renderers import Measurable
 from softshadow.sweep.store import Store
 from softshadow.sweep.work import Outcome
@@ -47,7 +47,7 @@ class Reference:
     store : Store
     key : str
         What it is known by; a reference that the store has is read.
-    method : Method or renderer
+    method : Method or Renderer
         With ``samples`` and ``seed``: two halves, with up to as many samples each. Without: one
         picture, whose own error nobody knows.
     seconds : float or None
