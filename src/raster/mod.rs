@@ -4,7 +4,7 @@
 //!   by triangle, to a [`Sink`] of the caller's choice;
 //! - `bins`: which triangles reach into each tile;
 //! - `small`: the pixels of triangles that cover a few, found where they are binned;
-//! - [`leaf`]: triangles that a hierarchy gives, a leaf at a time, drawn into a tile;
+//! - `leaf`: triangles that a hierarchy gives, a leaf at a time, drawn into a tile;
 //! - [`setup`]: from a triangle in space to edge functions in the image, and `depth`, its depth plane there;
 //! - [`nearest`]: the sink that keeps the nearest triangle a pixel;
 //! - [`coverage`]: the pixels that triangles cover, row by row, for hard shadows that need no depth.
