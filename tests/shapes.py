@@ -1,8 +1,9 @@
-"""Meshes that several tests share: closed bodies whose geometry is known exactly."""
+"""Meshes and a scene that several tests share: closed bodies whose geometry is known exactly."""
 
 from __future__ import annotations
 
 import numpy as np
+import softshadow as ss
 
 QUAD = np.array([[0, 1, 2], [0, 2, 3]])
 
@@ -77,3 +78,16 @@ def is_closed(faces):
     forward = np.sort(pairs[:, 0] * size + pairs[:, 1])
     backward = np.sort(pairs[:, 1] * size + pairs[:, 0])
     return bool((np.diff(forward) > 0).all() and np.array_equal(forward, backward))
+
+
+def body_and_leaves():
+    """A body over a ground, and leaves whose shadows change from pixel to pixel, as a scene."""
+    found = ss.Scene()
+    found.add(quad((0, 0, 0), (5, 0, 0), (0, 5, 0)), "ground")
+    vertices, faces = bumpy(16, seed=4)
+    found.add((vertices * 0.35 + [-0.5, 0, 0.6], faces), "body")
+    rng = np.random.default_rng(1)
+    for leaf in range(60):
+        center = rng.uniform((0.1, -0.4, 0.3), (0.9, 0.4, 1.0))
+        found.add(quad(center, *rng.normal(size=(2, 3)) * 0.04), f"leaf {leaf}")
+    return found

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import softshadow as ss
 from bits import digest, with_threads
-from shapes import bumpy, geodesic, quad
+from shapes import body_and_leaves, geodesic, quad
 
 SIZE = 64
 CAMERA = ss.Camera((0.4, -3.0, 1.8), (0, 0.1, 0.3), fov_y_deg=38, width=SIZE, height=SIZE)
@@ -19,15 +19,7 @@ LIGHTS = {
 
 @pytest.fixture(scope="module")
 def scene():
-    found = ss.Scene()
-    found.add(quad((0, 0, 0), (5, 0, 0), (0, 5, 0)), "ground")
-    vertices, faces = bumpy(16, seed=4)
-    found.add((vertices * 0.35 + [-0.5, 0, 0.6], faces), "body")
-    rng = np.random.default_rng(1)
-    for leaf in range(60):
-        center = rng.uniform((0.1, -0.4, 0.3), (0.9, 0.4, 1.0))
-        found.add(quad(center, *rng.normal(size=(2, 3)) * 0.04), f"leaf {leaf}")
-    return found
+    return body_and_leaves()
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import softshadow as ss
 from bits import digest, with_threads
-from shapes import bumpy, geodesic, quad
+from shapes import body_and_leaves, geodesic, quad
 
 SIZE = 128
 """Pixels along a side: 256 groups, of which 64 are counted in full first."""
@@ -20,19 +20,6 @@ LIGHTS = {
 }
 NARROW = ss.RectLight((0.1, 0, 2), (0, 0.1, 0), (0.1, 0, 0))
 GROUND = quad((0, 0, 0), (5, 0, 0), (0, 5, 0))
-
-
-def _bodies():
-    """A body, and leaves whose shadows change from pixel to pixel."""
-    found = ss.Scene()
-    found.add(GROUND, "ground")
-    vertices, faces = bumpy(16, seed=4)
-    found.add((vertices * 0.35 + [-0.5, 0, 0.6], faces), "body")
-    rng = np.random.default_rng(1)
-    for leaf in range(60):
-        center = rng.uniform((0.1, -0.4, 0.3), (0.9, 0.4, 1.0))
-        found.add(quad(center, *rng.normal(size=(2, 3)) * 0.04), f"leaf {leaf}")
-    return found
 
 
 def _wires(angle, radius=0.006):
@@ -57,7 +44,7 @@ def _poles():
     return found
 
 
-SCENES = {"bodies": _bodies(), "wires": _wires(0.3), "poles": _poles()}
+SCENES = {"bodies": body_and_leaves(), "wires": _wires(0.3), "poles": _poles()}
 
 
 def _off(image, full):
@@ -149,7 +136,7 @@ def test_nothing_bleeds_over_the_border_of_a_surface():
 
 @pytest.mark.parametrize("kind", ["translucent", "sphere"])
 def test_what_rays_answer_keeps_the_error(kind):
-    scene = _bodies()
+    scene = body_and_leaves()
     if kind == "sphere":
         scene.add_spheres([(0.7, 0.5, 0.6)], [0.2])
     else:

@@ -182,6 +182,7 @@ def _called(thing: Any) -> str:
 def _children(mi: ModuleType, thing: Any) -> dict[str, Any]:
     """Return the objects that one holds, by name."""
 
+    # Mitsuba is imported when it is needed, so that mypy sees no class here.
     class Collect(mi.TraversalCallback):  # type: ignore[misc, name-defined]
         def put(self, name: str, value: Any, *rest: Any) -> None:
             found[name] = value
