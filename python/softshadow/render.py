@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -320,6 +322,18 @@ def shadowed_irradiance(
     return (whole * ratio).reshape(visibility.shape)
 
 
+@contextmanager
+def _prepared(
+    scene: Scene, light: LightLike, method: MethodLike, progress: Progress, rest: str
+) -> Iterator[tuple[Prepared, Progress]]:
+    """Prepare with the first half of a progress; hand out its other half, under this name."""
+    chosen = resolve(method)
+    bar = Bar(progress, chosen.name)
+    with bar:
+        prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
+        yield prepared, bar.part(0.5, 1, f"{chosen.name}: {rest}")
+
+
 def _prepare_again(entries: tuple[Mesh | Spheres, ...], light: LightLike, m: Method) -> Prepared:
     return Prepared(scene_of(entries), light, m)
 
@@ -390,11 +404,8 @@ def render(
     >>> image.visibility.shape, image.visibility.dtype
     ((24, 32), dtype('float32'))
     """
-    chosen = resolve(method)
-    bar = Bar(progress, chosen.name)
-    with bar:
-        prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
-        return prepared.render(camera, bar.part(0.5, 1, f"{chosen.name}: frame"))
+    with _prepared(scene, light, method, progress, "frame") as (prepared, rest):
+        return prepared.render(camera, rest)
 
 
 def visibility(
@@ -436,11 +447,7 @@ def visibility(
     >>> ss.visibility(setup.scene, points, normals, setup.light, "hard").tolist()
     [0.0, 1.0]
     """
-    chosen = resolve(method)
-    bar = Bar(progress, chosen.name)
-    with bar:
-        prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
-        rest = bar.part(0.5, 1, f"{chosen.name}: visibility")
+    with _prepared(scene, light, method, progress, "visibility") as (prepared, rest):
         return prepared.visibility(points, normals, rest)
 
 
@@ -484,9 +491,5 @@ def irradiance(
     >>> math.isclose(lit[0, 0], 4 * math.pi * (1 / 10) ** 2, rel_tol=1e-6)
     True
     """
-    chosen = resolve(method)
-    bar = Bar(progress, chosen.name)
-    with bar:
-        prepared = prepare(scene, light, chosen, bar.part(0, 0.5, f"{chosen.name}: prepare"))
-        rest = bar.part(0.5, 1, f"{chosen.name}: irradiance")
+    with _prepared(scene, light, method, progress, "irradiance") as (prepared, rest):
         return prepared.irradiance(points, normals, rest)
