@@ -10,20 +10,18 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use fearless_simd::dispatch;
-use glam::DVec3;
 use rayon::prelude::*;
 
-use super::surface::{entries, is_one};
+use super::neighbours::Surface;
+use super::surface::entries;
+use super::window::{OFFSET, REACH, SIDE, Table, WIDE, half_ring, row};
 use super::{Estimate, part};
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
 use crate::raster::nearest::NONE;
-use crate::receivers::{BLOCK, Receivers};
+use crate::receivers::Receivers;
 use crate::simd::detect;
-
-/// Most pixels from a window's middle to its side.
-const REACH: usize = 3;
 
 /// Standard deviations that make a confidence interval. With more, windows that are too large blur what is sharp
 /// before their means tell, with fewer they stay small where nothing is.
@@ -46,15 +44,6 @@ pub struct Filtered {
     /// Squared error of the visibility that is to be expected.
     pub error: f32,
 }
-
-/// Pixels of a block's side.
-const SIDE: usize = BLOCK as usize;
-
-/// Pixels of a side of a block with what windows take in around it.
-const WIDE: usize = SIDE + 2 * REACH;
-
-/// Of an entry that no receiver lies on.
-const NOTHING: u32 = NONE - 1;
 
 /// Which receivers are neighbours.
 pub struct Filter<'a> {
@@ -111,7 +100,9 @@ impl<'a> Filter<'a> {
                 return Ok(());
             }
             let corner = self.corner(range.start);
-            surface.set(self, &entries, corner);
+            surface.set(self.receivers, &entries, |x, y| {
+                self.at(corner.0 + x, corner.1 + y)
+            });
             dispatch!(detect(), _simd => surface.find());
             for (i, out) in range.zip(out) {
                 *out = surface.pairs[self.in_block(i, corner)];
@@ -139,12 +130,7 @@ impl<'a> Filter<'a> {
             let own = &estimates[range.clone()];
             if !before.is_empty() && !self.is_near(&blocks, range.start) {
                 out.copy_from_slice(&before[range]);
-            } else if own.iter().all(Estimate::is_exact) {
-                let found = own.iter().map(|e| alone(e, 0.0));
-                out.iter_mut()
-                    .zip(found)
-                    .for_each(|(out, found)| *out = found);
-            } else if self.pixels.is_empty() {
+            } else if self.pixels.is_empty() || own.iter().all(Estimate::is_exact) {
                 let variance = variance_of_points(own);
                 let found = own.iter().map(|e| alone(e, variance));
                 out.iter_mut()
@@ -250,126 +236,6 @@ fn variance_of_points(estimates: &[Estimate]) -> f32 {
     let open = || estimates.iter().filter(|e| !e.is_exact());
     let sum: f32 = open().map(|e| e.variance * e.samples as f32).sum();
     sum / open().count().max(1) as f32
-}
-
-/// A table over a block of pixels and what windows take in around it.
-type Table<T> = [T; WIDE * WIDE];
-
-/// The pixels from a place in a table on.
-#[inline(always)]
-fn row<T>(table: &Table<T>, at: usize) -> &[T] {
-    &table[at..at + SIDE]
-}
-
-/// Offsets of a window's pixels at this distance from its middle, half of them: the others are opposite. As
-/// places in a table whose middle is at [`OFFSET`].
-#[inline(always)]
-fn half_ring(reach: usize) -> impl Iterator<Item = usize> {
-    (REACH - reach..REACH + reach)
-        .flat_map(move |k| [k * WIDE + REACH + reach, (REACH - reach) * WIDE + k])
-}
-
-/// What offsets are counted from, so that they are not negative.
-const OFFSET: usize = REACH * WIDE + REACH;
-
-/// The surfaces that a block of pixels and what is around it lie on.
-struct Surface {
-    /// Whether all pixels lie on one triangle.
-    flat: bool,
-    entry: Table<u32>,
-    position: [Table<f32>; 3],
-    normal: [Table<f32>; 3],
-    /// Which pairs of opposite neighbours lie on the surface of each of the block's pixels, a bit a pair.
-    pairs: [u32; SIDE * SIDE],
-}
-
-impl Default for Surface {
-    fn default() -> Self {
-        Surface {
-            flat: false,
-            entry: [NOTHING; WIDE * WIDE],
-            position: [[0.0; WIDE * WIDE]; 3],
-            normal: [[0.0; WIDE * WIDE]; 3],
-            pairs: [0; SIDE * SIDE],
-        }
-    }
-}
-
-impl Surface {
-    /// Takes the block with this first pixel.
-    fn set(&mut self, filter: &Filter, entries: &[u32], corner: (usize, usize)) {
-        let r = filter.receivers;
-        let mut origin: Option<DVec3> = None;
-        let mut face = None;
-        self.flat = true;
-        for y in 0..WIDE {
-            for x in 0..WIDE {
-                let at = y * WIDE + x;
-                let Some(i) = filter.at(corner.0 + x, corner.1 + y) else {
-                    self.flat = false;
-                    self.entry[at] = NOTHING;
-                    continue;
-                };
-                let its = r.faces[i];
-                self.flat &= its == *face.get_or_insert(its) && its != NONE;
-                self.entry[at] = entries[i];
-                let p = r.positions[i] - *origin.get_or_insert(r.positions[i]);
-                for k in 0..3 {
-                    self.position[k][at] = p[k] as f32;
-                    self.normal[k][at] = r.normals[i][k] as f32;
-                }
-            }
-        }
-    }
-
-    /// Finds the pairs of the block's pixels.
-    #[inline(always)]
-    fn find(&mut self) {
-        if self.flat {
-            self.pairs = [u32::MAX; SIDE * SIDE];
-            return;
-        }
-        for y in 0..SIDE {
-            let middle = (y + REACH) * WIDE + REACH;
-            let mut pairs = [0; SIDE];
-            let rings = (1..=REACH).flat_map(half_ring);
-            for (bit, away) in rings.enumerate() {
-                let mut alike = [1 << bit; SIDE];
-                self.keep_alike(middle, middle + away - OFFSET, &mut alike);
-                self.keep_alike(middle, middle + OFFSET - away, &mut alike);
-                for x in 0..SIDE {
-                    pairs[x] |= alike[x];
-                }
-            }
-            self.pairs[y * SIDE..(y + 1) * SIDE].copy_from_slice(&pairs);
-        }
-    }
-
-    /// Leaves `alike` as it is where pixels from `middle` and from `other` on lie on one surface, and makes it 0
-    /// elsewhere.
-    #[inline(always)]
-    fn keep_alike(&self, middle: usize, other: usize, alike: &mut [u32; SIDE]) {
-        let (entry, others) = (row(&self.entry, middle), row(&self.entry, other));
-        let (mut turned, mut across) = ([0.0; SIDE], [0.0; SIDE]);
-        let mut squared = [0.0; SIDE];
-        for k in 0..3 {
-            let (n, m) = (row(&self.normal[k], middle), row(&self.normal[k], other));
-            let (p, q) = (
-                row(&self.position[k], middle),
-                row(&self.position[k], other),
-            );
-            for x in 0..SIDE {
-                let d = q[x] - p[x];
-                turned[x] += n[x] * m[x];
-                across[x] += n[x] * d;
-                squared[x] += d * d;
-            }
-        }
-        for x in 0..SIDE {
-            let one = (entry[x] == others[x]) & is_one(turned[x], across[x], squared[x]);
-            alike[x] = if one { alike[x] } else { 0 };
-        }
-    }
 }
 
 /// What samples tell of a block of pixels and what is around it.

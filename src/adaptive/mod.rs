@@ -4,11 +4,14 @@
 //! - this file: [`Estimate`], what a receiver's samples tell;
 //! - [`filter`]: what they tell together with those of its neighbours, [`Filtered`](filter::Filtered);
 //! - [`budget`]: for whom more samples lower the error most;
-//! - [`surface`]: which receivers lie on one surface.
+//! - [`surface`]: which receivers lie on one surface; `neighbours`: which pixels around each do;
+//! - `window`: blocks of pixels with what is around them.
 
 pub mod budget;
 pub mod filter;
+mod neighbours;
 pub mod surface;
+mod window;
 
 /// Least error that may be asked: below, the visibility's own steps would decide.
 pub const LEAST_ERROR: f64 = 1e-4;

@@ -42,10 +42,12 @@ class Direct:
     for each sample. Loading the scene is ``prepare``; a launch before it, in which kernels are
     compiled, is not counted. It runs on as many threads as `softshadow.thread_count` says.
 
-    The scalar variants take one ray at a time from Python, so their time is that of their film with
-    the ``direct`` integrator (``volpath`` where something is translucent), on all threads. Their
-    picture comes from ``llvm_ad_mono``, which has the same samples, where LLVM is found; otherwise
-    ray by ray, slowly.
+    With `film`, and always with the scalar variants, which would take one ray at a time from
+    Python, the time is that of a film by Mitsuba's own integrator: ``direct`` with light samples
+    only (``volpath`` where something is translucent), on all threads, with a ray through a place of
+    its own in the pixel for each stratified sample. The picture is still that of the pixels'
+    centres with as many samples. That of the scalar variants comes from ``llvm_ad_mono``, which has
+    the same samples, where LLVM is found; otherwise ray by ray, slowly.
 
     Parameters
     ----------
@@ -60,6 +62,8 @@ class Direct:
         Whether Open Image Denoise filters the visibility, guided by the normals, free of noise, at
         the pixels' centres. (Visibility has no albedo: it is given white, which is better than the
         surfaces' own.) Its time is part of the frame.
+    film : bool
+        Whether a frame is what ``mitsuba.render`` takes, not shadow rays alone.
     seed : int
         Of the light samples, 0 to 2**32 - 1.
 
@@ -79,6 +83,7 @@ class Direct:
     samples: int = 64
     sampler: Literal["multijitter", "independent"] = "multijitter"
     denoise: bool = False
+    film: bool = False
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -90,6 +95,7 @@ class Direct:
         """What tables call it: all but the number of samples and the seed."""
         words = ["mitsuba", self.variant]
         words += [self.sampler] * (self.sampler != "multijitter") + ["denoised"] * self.denoise
+        words += ["film"] * self.film
         return " ".join(words)
 
     @property
@@ -154,7 +160,7 @@ class Direct:
     ) -> tuple[Sampled, dict[str, float]]:
         """Return what is seen of one light, and the seconds by stage."""
         sampled, prepare, shade = self._picture(scene, camera, light, seed % 2**32)
-        if self._scalar:
+        if self.film or self._scalar:
             prepare, shade = self._film_seconds(scene, camera, light, seed % 2**32)
         seconds = {"prepare": prepare, "frame": shade, "shade": shade}
         if self.denoise:
@@ -202,7 +208,8 @@ class Direct:
                 description["integrator"]["emitter_samples"] = together
             loaded = mi.load_dict(description)
             prepare = time.perf_counter() - start
-            mi.render(loaded, spp=1)  # meets cold memory
+            # Meets cold memory, and compiles the kernels of the vectorised variants.
+            mi.render(loaded, spp=1 if self._scalar else rays)
             start = time.perf_counter()
             np.array(mi.render(loaded, spp=rays, seed=seed))
             return prepare, time.perf_counter() - start

@@ -59,18 +59,23 @@ impl PreparedCounted {
             columns: camera.width as usize,
             tolerance: 0.0,
         };
-        let keeps = |tolerance: &f32| {
-            let groups = (0..receivers.group_count()).filter(|&group| pilot(group));
-            let (mut off, mut count) = (0.0, 0);
-            let (mut s, mut ids) = (Scratch::new(self.layout), Vec::new());
-            for group in groups {
-                ids.clear();
-                ids.extend(receivers.group(group));
+        let mut s = Scratch::new(self.layout);
+        let groups = (0..receivers.group_count()).filter(|&group| pilot(group));
+        let pilots: Vec<_> = groups
+            .map(|group| {
+                let ids: Vec<usize> = receivers.group(group).collect();
                 s.unshadow(receivers, &ids, light.sampler.light());
-                off += within.off(*tolerance, receivers, &ids, &before, &mut s);
-                count += ids.len();
-            }
-            off <= SHOWN * error * error * count as f64
+                (ids, s.unshadowed.clone())
+            })
+            .collect();
+        let count: usize = pilots.iter().map(|(ids, _)| ids.len()).sum();
+        let keeps = |tolerance: &f32| {
+            let off = pilots.iter().map(|(ids, unshadowed)| {
+                s.cells
+                    .start(receivers, ids, within.columns, unshadowed, true);
+                within.off(*tolerance, receivers, ids, &before, &mut s)
+            });
+            off.sum::<f64>() <= SHOWN * error * error * count as f64
         };
         let tolerances = TOLERANCES.map(|tolerance| tolerance * error as f32);
         within.tolerance = tolerances.into_iter().find(keeps).unwrap_or(0.0);
@@ -128,8 +133,8 @@ impl PreparedCounted {
 }
 
 impl Within {
-    /// The sum of squares by which the visibility of a group, of which all answers are known, would be off with a
-    /// tolerance.
+    /// The sum of squares by which the visibility of a group, of which all answers are known and whose cells have
+    /// started, would be off with a tolerance.
     fn off(
         &self,
         tolerance: f32,
@@ -138,13 +143,7 @@ impl Within {
         answers: &[Answer],
         s: &mut Scratch,
     ) -> f64 {
-        let Scratch {
-            cells,
-            wanted,
-            unshadowed,
-            ..
-        } = s;
-        cells.start(receivers, ids, self.columns, unshadowed, true);
+        let Scratch { cells, wanted, .. } = s;
         loop {
             cells.next(receivers, &self.entries, tolerance, wanted);
             if wanted.is_empty() {
