@@ -36,7 +36,7 @@ const FARTHEST: f64 = (1u64 << 40) as f64;
 const POINT: f64 = f32::EPSILON as f64;
 
 /// Where a light is and what it looks like.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A parallelogram.
     Rect(RectLight),
@@ -49,7 +49,7 @@ pub enum Shape {
 /// What the shape of a light answers.
 macro_rules! of_shape {
     ($light:expr, $shape:ident => $answer:expr) => {
-        match $light.shape {
+        match &$light.shape {
             Shape::Rect($shape) => $answer,
             Shape::Disk($shape) => $answer,
             Shape::Sphere($shape) => $answer,
@@ -58,7 +58,7 @@ macro_rules! of_shape {
 }
 
 /// A light: a shape and the radiance that it emits, linear RGB.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Light {
     /// Where it is.
     pub shape: Shape,
@@ -70,7 +70,8 @@ impl Light {
     /// The same light with its middle moved by `point` and all lengths changed by `length`.
     pub fn mapped(&self, point: impl Fn(DVec3) -> DVec3, length: impl Fn(f64) -> f64) -> Light {
         let shape = of_shape!(self, shape => shape.mapped(point, length));
-        Light { shape, ..*self }
+        let radiance = self.radiance;
+        Light { shape, radiance }
     }
 
     /// The same light in a scene's local coordinates; farther away than `FARTHEST`, one there that looks the same.
@@ -92,7 +93,8 @@ impl Light {
             }),
             None => Shape::Sphere(SphereLight { center, radius }),
         };
-        Light { shape, ..*self }
+        let radiance = self.radiance;
+        Light { shape, radiance }
     }
 
     /// By how much a local flat light is moved off itself to its emitting side; what lies nearer to its plane, such as

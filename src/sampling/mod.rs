@@ -235,7 +235,7 @@ mod tests {
         ];
         let p = DVec3::new(-0.1, 0.2, 0.0);
         for light in lights {
-            let sampler = Sampler::new(light, Pattern::new(4096, 1), false);
+            let sampler = Sampler::new(light.clone(), Pattern::new(4096, 1), false);
             let mut out = LightSamples::default();
             for n in [DVec3::Z, DVec3::new(0.98, 0.0, 0.2).normalize()] {
                 sampler.fill(9, p, n, &mut out);

@@ -128,7 +128,7 @@ mod tests {
         ];
         let p = DVec3::new(-0.1, 0.2, 0.0);
         for light in lights {
-            let sampler = Sampler::new(light, Pattern::new(256, 1), false);
+            let sampler = Sampler::new(light.clone(), Pattern::new(256, 1), false);
             let (view, square) = (sampler.view(p).unwrap(), sampler.square(p));
             let mut samples = LightSamples::default();
             sampler.fill(0, p, DVec3::ZERO, &mut samples);

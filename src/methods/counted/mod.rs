@@ -106,7 +106,7 @@ impl Method for Counted {
                 let cut = touches_light(&occluders.opaque, light, &mut Vec::new());
                 // All samples of a point are one.
                 let pattern = if light.is_point() { &one } else { &pattern };
-                let sampler = Sampler::new(*light, pattern.clone(), false);
+                let sampler = Sampler::new(light.clone(), pattern.clone(), false);
                 let count = !cut && !light.is_point();
                 PreparedLight { sampler, count }
             })

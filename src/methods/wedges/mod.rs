@@ -230,7 +230,7 @@ impl Cast {
         let objects = |w: &[Wedge]| w.iter().map(|w| w.object).collect::<Vec<_>>();
         let soft = settings.soft.filter(|_| !light.is_point());
         let none = Cast {
-            light: *light,
+            light: light.clone(),
             quads: Vec::new(),
             fan: 1,
             interior: Interior::None,
