@@ -4,7 +4,7 @@
 //! depends on the unit). `n` is the receiver's unit normal, or zero for a receiver without a tangent
 //! plane. Points behind a flat light or inside a sphere receive nothing from it.
 //!
-//! - a file a shape: [`rect`], [`disk`], [`sphere`];
+//! - a file a shape: [`rect`], [`disk`], [`sphere`], [`polygon`];
 //! - [`contour`]: Lambert's contour formula; `many`: unshadowed light of many receivers at once;
 //! - [`falloff`]: what of a light lies beyond a line; [`reach`]: how far it reaches in a view;
 //! - [`tangents`]: planes through a line that touch it.
@@ -13,6 +13,7 @@ pub mod contour;
 pub mod disk;
 pub mod falloff;
 pub(crate) mod many;
+pub mod polygon;
 pub mod reach;
 pub mod rect;
 pub mod sphere;
@@ -25,6 +26,7 @@ use glam::{DVec3, Vec3};
 use crate::error::{Error, Result};
 use crate::frame::{Frame, POINT_OFFSET};
 pub use disk::DiskLight;
+pub use polygon::PolygonLight;
 pub use rect::RectLight;
 pub use sphere::SphereLight;
 
@@ -44,6 +46,8 @@ pub enum Shape {
     Disk(DiskLight),
     /// A sphere.
     Sphere(SphereLight),
+    /// A planar polygon.
+    Polygon(PolygonLight),
 }
 
 /// What the shape of a light answers.
@@ -53,6 +57,7 @@ macro_rules! of_shape {
             Shape::Rect($shape) => $answer,
             Shape::Disk($shape) => $answer,
             Shape::Sphere($shape) => $answer,
+            Shape::Polygon($shape) => $answer,
         }
     };
 }
@@ -152,7 +157,8 @@ impl Light {
     }
 
     /// Half axes of the light as seen along a direction of unit length, and whether it is the ellipse that they span
-    /// and not the parallelogram. A sphere's are across the direction, a flat light's in its plane.
+    /// and not the parallelogram. A sphere's are across the direction, a flat light's in its plane; a polygon's are those
+    /// of the rectangle that stands in for it.
     pub fn half_axes(&self, towards: DVec3) -> (DVec3, DVec3, bool) {
         of_shape!(self, shape => shape.half_axes(towards))
     }

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from softshadow.camera import Camera
 from softshadow.entries import Mesh
 from softshadow.extras import needs
-from softshadow.light import DiskLight, Light, LightLike, SphereLight, as_lights
+from softshadow.light import DiskLight, Light, LightLike, PolygonLight, SphereLight, as_lights
 from softshadow.mitsuba.image import MitsubaImage
 from softshadow.mitsuba.llvm import find_llvm
 from softshadow.scene import Scene

@@ -26,6 +26,7 @@ pub mod buffer;
 pub mod edge;
 pub mod interpolate;
 pub mod planes;
+pub mod polygon;
 mod sector;
 pub mod volume;
 
