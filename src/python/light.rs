@@ -44,13 +44,10 @@ impl PyLight {
         self.0.center().into()
     }
 
-    /// Triangles that make up a polygon; none of another shape.
-    fn triangles(&self) -> Vec<[[f64; 3]; 3]> {
+    /// Corners of triangles that make up a polygon; none of another shape.
+    fn triangles(&self) -> Vec<[u32; 3]> {
         match &self.0.shape {
-            Shape::Polygon(polygon) => {
-                let triangles = polygon.triangles().into_iter();
-                triangles.map(|corners| corners.map(DVec3::into)).collect()
-            }
+            Shape::Polygon(polygon) => polygon.triangles(),
             Shape::Rect(_) | Shape::Disk(_) | Shape::Sphere(_) => Vec::new(),
         }
     }

@@ -43,7 +43,7 @@ use fearless_simd::dispatch;
 use glam::{DVec3, Vec3};
 
 use crate::frame::POINT_OFFSET;
-use crate::light::{DiskLight, Light, RectLight, Shape};
+use crate::light::{DiskLight, Light, PolygonLight, RectLight, Shape};
 use crate::simd::{LANES, Row, detect};
 pub use cells::{GRID, LightProjection, WHOLE, cell_place, grid_index};
 use fill::{fill_cap, fill_flat};
@@ -124,9 +124,14 @@ impl Sampler {
         }
     }
 
-    /// Whether the light fills the disk in its [`LightProjection`]'s square, and not the square.
+    /// Whether the light fills the disk in its [`LightProjection`]'s square, and not the square or a polygon in it.
     pub fn is_disk(&self) -> bool {
         self.flat.as_ref().is_none_or(|flat| flat.disk)
+    }
+
+    /// The light, if it is a polygon in the square.
+    pub fn polygon(&self) -> Option<&PolygonLight> {
+        self.flat.as_ref()?.polygon.as_ref()
     }
 
     /// Samples a receiver.

@@ -74,6 +74,13 @@ impl PolygonLight {
         (center, half.x * self.u, half.y * self.v)
     }
 
+    /// Corners in the unit square that is the rectangle around the outline.
+    pub(crate) fn in_square(&self) -> Vec<[f32; 2]> {
+        let (middle, half) = self.outline.strips.around;
+        let place = |c: &DVec2| ((*c - middle) / half * 0.5 + 0.5).as_vec2().to_array();
+        self.corners().iter().map(place).collect()
+    }
+
     /// The map from the square onto the light, equal in area; coordinates are those of [`PolygonLight::around`].
     pub(crate) fn strips(&self) -> &strips::Strips {
         &self.outline.strips
@@ -91,12 +98,21 @@ impl PolygonLight {
         }
     }
 
-    /// Triangles that make up the polygon, counter-clockwise as it is.
-    pub fn triangles(&self) -> Vec<[DVec3; 3]> {
-        let (center, u, v) = self.around();
-        let place = |p: DVec2| center + p.x * u + p.y * v;
-        let triangles = self.outline.strips.triangles();
-        triangles.map(|corners| corners.map(place)).collect()
+    /// Corners of triangles that make up the polygon, counter-clockwise as it is. Corners on a line may be in none.
+    pub fn triangles(&self) -> Vec<[u32; 3]> {
+        let corners = self.corners();
+        let mut found: Vec<u32> = Vec::new();
+        let data = corners.iter().map(DVec2::to_array);
+        earcut::Earcut::new().earcut(data, &[], &mut found);
+        let (triangles, _) = found.as_chunks::<3>();
+        let counter_clockwise = |&[i, j, k]: &[u32; 3]| {
+            let [a, b, c] = [i, j, k].map(|i| corners[i as usize]);
+            match (b - a).perp_dot(c - a) > 0.0 {
+                true => [i, j, k],
+                false => [i, k, j],
+            }
+        };
+        triangles.iter().map(counter_clockwise).collect()
     }
 
     pub(super) fn mapped(

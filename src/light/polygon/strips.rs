@@ -168,24 +168,4 @@ impl Strips {
         }
         [strip.x + strip.dx * t, found]
     }
-
-    /// Two triangles, or one, of each trapezoid, counter-clockwise.
-    pub(super) fn triangles(&self) -> impl Iterator<Item = [DVec2; 3]> {
-        let of_strip = move |strip: &Strip| {
-            let [first, after] = strip.trapezoids.map(|i| i as usize);
-            let ends = [strip.x, strip.x + strip.dx].map(f64::from);
-            let point =
-                move |side: [f32; 2], end: usize| DVec2::new(ends[end], f64::from(side[end]));
-            let trapezoids = self.trapezoids[first..after].iter();
-            trapezoids.flat_map(move |t| {
-                let (low, high) = (
-                    [0, 1].map(|e| point(t.low, e)),
-                    [0, 1].map(|e| point(t.high, e)),
-                );
-                [[low[0], low[1], high[1]], [low[0], high[1], high[0]]]
-            })
-        };
-        let some = |[a, b, c]: &[DVec2; 3]| (*b - *a).perp_dot(*c - *a) > 0.0;
-        self.strips.iter().flat_map(of_strip).filter(some)
-    }
 }
