@@ -269,8 +269,9 @@ mod tests {
                 let sum: f64 = out.weights.iter().flat_map(|r| r.0).map(f64::from).sum();
                 let exact = light.unshadowed_irradiance(p, n);
                 // 4096 stratified samples of a smooth integrand (one with a cut horizon): measured
-                // 3e-5 and 4e-4 relative.
-                let tolerance = if n == DVec3::Z { 1e-4 } else { 2e-3 };
+                // 3e-5 and 4e-4 relative. The map to a polygon has kinks, and gaps between the tips of a star: 7e-4.
+                let smooth = n == DVec3::Z && sampler.polygon().is_none();
+                let tolerance = if smooth { 1e-4 } else { 2e-3 };
                 assert!(
                     (sum - exact).abs() < tolerance * exact,
                     "{light:?}: {sum} {exact}"

@@ -44,7 +44,7 @@ def widget(
         It is not copied: call the widget's ``redraw`` after a change.
     camera : Camera
         Its size is that of the picture.
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
         Where it starts; flat lights keep their direction, rectangles and polygons their proportions.
     method : str or method
         The method at the start.

@@ -6,6 +6,8 @@
 //! square root, the second to that part of the width there. So what is stratified in the square is in the polygon,
 //! and neighbours stay together but where the outline has a gap between.
 
+use std::fmt;
+
 use glam::DVec2;
 
 use crate::simd::{LANES, Row};
@@ -36,13 +38,21 @@ struct Trapezoid {
 }
 
 /// An outline in strips, in coordinates in which it fills [-1, 1] along both axes.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Clone, PartialEq)]
 pub(crate) struct Strips {
     /// Middle and half sides of the rectangle around the outline that becomes [-1, 1]².
     pub(super) around: (DVec2, DVec2),
     strips: Vec<Strip>,
     trapezoids: Vec<Trapezoid>,
     guide: Vec<u32>,
+}
+
+impl fmt::Debug for Strips {
+    /// Its size: tables of hundreds of lines tell nobody anything.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (strips, trapezoids) = (self.strips.len(), self.trapezoids.len());
+        write!(f, "Strips({strips}, of {trapezoids} trapezoids)")
+    }
 }
 
 impl Strips {
