@@ -43,8 +43,8 @@ def from_scene(scene: Any) -> Setup:
     ``disk`` (a polygon of 256 sides), ``cube`` and ``sphere``; the materials ``diffuse``,
     ``twosided`` and ``mask``, of one colour and one opacity; area emitters of one radiance on a
     ``rectangle``, ``disk`` or ``sphere``, or on a mesh that is one planar polygon, which are lights
-    and no geometry; and the first ``perspective`` sensor. All else is listed in one warning: shapes and emitters are left out,
-    other materials are grey, textures have their mean.
+    and no geometry; and the first ``perspective`` sensor. All else is listed in one warning: shapes
+    and emitters are left out, other materials are grey, textures have their mean.
 
     Surfaces are two-sided and shaded by their faces' normals here, whatever Mitsuba's are, and
     lights cast no shadow.

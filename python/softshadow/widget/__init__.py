@@ -45,7 +45,8 @@ def widget(
     camera : Camera
         Its size is that of the picture.
     light : RectLight, DiskLight, SphereLight or PolygonLight
-        Where it starts; flat lights keep their direction, rectangles and polygons their proportions.
+        Where it starts; flat lights keep their direction, rectangles and polygons their
+        proportions.
     method : str or method
         The method at the start.
     methods : sequence of str or method, optional
