@@ -176,8 +176,8 @@ SAMPLED = {
 }
 # Largest and mean difference of visibility: what the samples of each light are off. Measured, the
 # worse of both plans: 0.0031 and 9.2e-5 (ray_traced), 0.0103 and 1.4e-4 (counted), 0.0066 and
-# 1.9e-4 (accumulation), 0.0078 and 2.8e-4 (maps of one view), 0.0098 and 2.7e-4 (mvsm). Of one silhouette
-# wedges measure the area in closed form: 2.5e-6 and 1.1e-8.
+# 1.9e-4 (accumulation), 0.0078 and 2.8e-4 (maps of one view), 0.0098 and 2.7e-4 (mvsm). Of one
+# silhouette wedges measure the area in closed form: 2.5e-6 and 1.1e-8.
 APART = {
     "ray_traced": (0.005, 2e-4),
     "counted": (0.015, 3e-4),

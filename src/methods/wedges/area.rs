@@ -319,6 +319,27 @@ mod tests {
         }
     }
 
+    proptest! {
+        /// Sides of an outline, and what is known of a square: two ways to the same area.
+        #[test]
+        fn a_square_is_covered_as_the_polygon_that_it_is(
+            grid in prop::collection::vec(prop::array::uniform2(-8i8..=8), 3..12),
+            x in prop::collection::vec(-0.3..0.3, LANES),
+        ) {
+            let points: Vec<_> = grid.iter().map(|p| p.map(|x| f64::from(x) / 16.0)).collect();
+            let receivers: Vec<DVec3> = x.iter().map(|&x| DVec3::new(x + 0.01, 0.02 - x, 0.0)).collect();
+            let edges = contour(&points, 0.75);
+            let corners = [(-0.5, -0.4), (-0.5, 0.4), (0.5, 0.4), (0.5, -0.4)];
+            let corners = corners.map(|(x, y)| DVec3::new(x, y, 1.5));
+            let polygon = Light::polygon(&corners, [1.0; 3]).expect("valid");
+            let both = [&polygon, &lights()[1]].map(|light| covered(&edges, light, &receivers, 0.0));
+            for (own, square) in both[0].into_iter().zip(both[1]) {
+                // Some ulps of half the light an edge.
+                prop_assert!((own - square).abs() < 1e-6 * edges.len() as f32, "{own} {square}");
+            }
+        }
+    }
+
     #[test]
     fn a_polygon_within_the_light_covers_its_area() {
         // A star around the centre's shadow, wound so that it occludes its inside.
