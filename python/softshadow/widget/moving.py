@@ -238,8 +238,8 @@ def placed(light: Light, center: Vector, width: float) -> Light:
         u, v = np.multiply(factor, (light.edge_u, light.edge_v))
         return RectLight(center, u, v, radiance)
     if isinstance(light, PolygonLight):
-        from_center = np.subtract(light.vertices, light.center)
-        return PolygonLight(center + factor * from_center, radiance)
+        corners = np.subtract(light.vertices, light.center) * factor
+        return PolygonLight(np.add(center, corners), radiance)
     if isinstance(light, DiskLight):
         return DiskLight(center, light.normal, width / 2, radiance)
     return SphereLight(center, width / 2, radiance)
