@@ -71,7 +71,7 @@ pub fn prepare(
     for light in lights {
         if distance(light) <= method.reach() {
             places.push((0, near.len()));
-            near.push(*light);
+            near.push(light.clone());
             continue;
         }
         match Moved::holding(light, &geometry, most) {
@@ -81,7 +81,7 @@ pub fn prepare(
             }
             None if distance(light) <= most => {
                 places.push((0, near.len()));
-                near.push(*light);
+                near.push(light.clone());
             }
             None => {
                 let reason = format!(

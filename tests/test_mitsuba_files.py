@@ -202,6 +202,7 @@ LIGHTS = (
     ss.RectLight((0.2, 0.1, 3), (0.6, 0, 0), (0.3, -0.5, 0.2), (3, 2, 1)),
     ss.DiskLight((0, 1, 2), (0.3, 0, -1), 0.4, 5),
     ss.SphereLight((0.1, 0, 4), 0.3, (0.1, 0.2, 0.3)),
+    ss.PolygonLight([(0, 0, 2), (0, 1, 2.5), (0.5, 0.4, 2.2), (1, 0, 2)], (3, 2, 1)),
 )
 
 
@@ -240,6 +241,10 @@ def _same(setup, scene, camera, lights):
         if isinstance(b, ss.DiskLight):
             unit = np.array(b.normal) / np.linalg.norm(b.normal)
             assert a.normal == pytest.approx(unit, abs=SINGLE)
+        if isinstance(b, ss.PolygonLight):
+            first = int(np.abs(np.array(a.vertices) - b.vertices[0]).sum(axis=1).argmin())
+            turned = np.roll(a.vertices, -first, axis=0)
+            assert np.allclose(turned, b.vertices, rtol=0, atol=SINGLE)
 
 
 @pytest.mark.parametrize("lights", [LIGHTS, *((x,) for x in LIGHTS)], ids=len)
@@ -272,6 +277,23 @@ CUBE = '<shape type="cube" id="box"><transform name="to_world">{}</transform>{}<
 GLOW = '<emitter type="area"><rgb name="radiance" value="1"/></emitter>'
 
 
+def _glowing_sheet(tmp_path, name, corners, **transform):
+    faces = [(0, 1, 2), (0, 2, 3)]
+    trimesh.Trimesh(corners, faces, process=False).export(tmp_path / f"{name}.ply")
+    file = f'<string name="filename" value="{name}.ply"/>'
+    return f'<shape type="ply" id="{name}">{file}{GLOW}</shape>'
+
+
+def test_a_planar_mesh_that_emits_is_a_polygon(tmp_path):
+    corners = [(0, 0, 1), (1, 0, 1), (0.3, 0.3, 1), (0, 1, 1)]
+    path = _file(tmp_path, _glowing_sheet(tmp_path, "sheet", corners))
+    (light,) = _quiet(ss.load, path).lights
+    assert isinstance(light, ss.PolygonLight)
+    assert light.center[:2] == pytest.approx((0.325, 0.325), abs=0.12)
+    seen = ss.kernels.light_fraction_above(light, [(0, 0, 2), (0, 0, 0)])
+    assert seen.tolist() == [1, 0]  # as the triangles: upwards
+
+
 def test_what_is_not_understood_is_listed_once_with_names(tmp_path):
     checks = '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>'
     ellipse = '<transform name="to_world"><scale x="2"/></transform>'
@@ -281,6 +303,8 @@ def test_what_is_not_understood_is_listed_once_with_names(tmp_path):
         '<shape type="cube" id="metal"><bsdf type="conductor"/></shape>',
         '<shape type="cylinder" id="pipe"/>',
         f'<shape type="cube" id="neon">{GLOW}</shape>',
+        _glowing_sheet(tmp_path, "folded", [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.2)]),
+        _glowing_sheet(tmp_path, "crossed", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (3, 2, 0)]),
         f'<shape type="disk" id="oval">{ellipse}{GLOW}</shape>',
         f'<shape type="sphere" id="dome"><boolean name="flip_normals" value="true"/>{GLOW}</shape>',
         '<emitter type="constant" id="sky"/>',
@@ -293,7 +317,13 @@ def test_what_is_not_understood_is_listed_once_with_names(tmp_path):
     assert len(told) == 1
     for part in (
         *("Checkerboard of cube 'box' (its mean is taken)", "SmoothConductor of cube 'metal'"),
-        *("cylinder 'pipe'", "cube 'neon' with AreaLight", "disk 'oval' with AreaLight"),
+        *(
+            "cylinder 'pipe'",
+            "cube 'neon' with AreaLight",
+            "plymesh 'folded' with AreaLight",
+            "plymesh 'crossed' with AreaLight",
+            "disk 'oval' with AreaLight",
+        ),
         *("sphere 'dome' with AreaLight", "'sky' (ConstantBackgroundEmitter)"),
         *("'sun' (DirectionalEmitter)", "'plan' (OrthographicCamera)", "'lens' (ThinLensCamera)"),
     ):

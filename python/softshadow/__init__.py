@@ -33,7 +33,7 @@ from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
 from softshadow.estimate import ErrorEstimate, estimate_error
 from softshadow.fronts import front
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
 from softshadow.loading import Setup, frame, load
 from softshadow.methods import (
     Accumulation,
@@ -94,6 +94,7 @@ __all__ = [
     "ParameterError",
     "Pcf",
     "Polygon",
+    "PolygonLight",
     "Prepared",
     "RayTraced",
     "RectLight",

@@ -1,4 +1,4 @@
-"""Area lights: rectangle, disk and sphere, with a constant emitted radiance.
+"""Area lights: rectangle, disk, sphere and polygon, with a constant emitted radiance.
 
 Flat lights emit on one side; a sphere emits outwards. Sizes are world units, always. Whatever they
 are made from, lights hold plain floats and tuples of floats.
@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
+import numpy.typing as npt
+
 from softshadow import _core
-from softshadow.arguments import RGB, Triple, Vector, as_rgb, as_vector
+from softshadow.arguments import RGB, Triple, Vector, as_points, as_rgb, as_vector
 from softshadow.checks import number
 
 
@@ -149,8 +151,60 @@ class SphereLight(_Light):
         self._store(center=middle, radius=r, radiance=rgb, _core=core)
 
 
-Light: TypeAlias = "RectLight | DiskLight | SphereLight"
-"""Any of the three light shapes."""
+@dataclass(frozen=True, init=False)
+class PolygonLight(_Light):
+    """A planar polygon, convex or not, that emits to the side that sees it run counter-clockwise.
+
+    Its middle, to which shadow rays of `Hard` go and from which `Wedges` sees silhouettes, is its
+    centroid, which need not be on it. Methods that sample the light and `Wedges` take its outline
+    as it is; `Ssoc`, `SingleSample`, `Convolution` and the views of `Mvsm` a rectangle in its
+    place, with its centroid, its area and its second moments up to a factor.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (V, 3)
+        Its corners in order, in world units: 3 to 1024 of them, in one plane but for rounding (up
+        to a millionth of the polygon's extent). The outline closes by itself, has no holes, and no
+        two of its edges meet but neighbours at their corner; corners may lie on a line.
+    radiance : float or array_like of shape (3,)
+        Emitted radiance, linear RGB: 0, or 1.2e-38 to 3.4e38 (kernels work in single precision).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite or no number, there are too few or too many vertices, one of them
+        is off the plane, the outline meets itself, or it spans no area; the message names the
+        vertices.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> corners = [(0, 0, 4), (0, 1, 4), (0.5, 1, 4), (0.5, 0.5, 4), (1, 0.5, 4), (1, 0, 4)]
+    >>> light = ss.PolygonLight(corners, radiance=10)  # an L that emits downwards
+    >>> len(light.vertices)
+    6
+    """
+
+    vertices: tuple[Triple, ...]
+    radiance: Triple
+    _core: _core.Light = field(init=False, repr=False, compare=False)
+
+    def __init__(self, vertices: npt.ArrayLike, radiance: RGB = 1.0) -> None:
+        corners = as_points(vertices, "PolygonLight.vertices")
+        rgb = as_rgb(radiance, "PolygonLight.radiance")
+        core = _core.Light.polygon(corners, rgb)
+        rows = tuple((x, y, z) for x, y, z in corners.tolist())
+        self._store(vertices=rows, radiance=rgb, _core=core)
+
+    @property
+    def center(self) -> Triple:
+        """The centroid, in world units."""
+        x, y, z = self._core.center
+        return x, y, z
+
+
+Light: TypeAlias = "RectLight | DiskLight | SphereLight | PolygonLight"
+"""Any of the light shapes."""
 
 LightLike: TypeAlias = "Light | Sequence[Light]"
 """One light, or several."""
@@ -164,11 +218,11 @@ def as_lights(light: LightLike) -> tuple[list[Light], bool]:
     TypeError
         If it is neither a light nor a sequence of lights.
     """
-    if isinstance(light, (RectLight, DiskLight, SphereLight)):
+    if isinstance(light, (RectLight, DiskLight, SphereLight, PolygonLight)):
         return [light], True
     if not isinstance(light, Sequence) or not len(light):
         raise TypeError(f"light: expected a light or a sequence of lights, got {light!r}")
     for item in light:
-        if not isinstance(item, (RectLight, DiskLight, SphereLight)):
+        if not isinstance(item, (RectLight, DiskLight, SphereLight, PolygonLight)):
             raise TypeError(f"light: expected lights in the sequence, got {type(item).__name__}")
     return list(light), False

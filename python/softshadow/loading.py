@@ -14,7 +14,7 @@ import numpy.typing as npt
 from softshadow import checks, framing
 from softshadow.camera import MOST_PIXELS, Camera
 from softshadow.entries import Mesh
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
 from softshadow.reading import MAX_BYTES, MAX_CORNERS
 from softshadow.scene import Scene
 
@@ -212,6 +212,8 @@ def _point(world: _Matrix, points: npt.ArrayLike) -> _Matrix:
 
 
 def _moved(light: Light, world: _Matrix, scale: float) -> Light:
+    if isinstance(light, PolygonLight):
+        return PolygonLight(_point(world, light.vertices), light.radiance)
     center = _point(world, light.center)
     if isinstance(light, RectLight):
         u, v = (world[:3, :3] @ np.array(edge) for edge in (light.edge_u, light.edge_v))

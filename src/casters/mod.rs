@@ -147,7 +147,7 @@ impl Casters {
         if self.lie_in_plane(light) {
             light.lifted()
         } else {
-            *light
+            light.clone()
         }
     }
 

@@ -4,7 +4,7 @@
 //! depends on the unit). `n` is the receiver's unit normal, or zero for a receiver without a tangent
 //! plane. Points behind a flat light or inside a sphere receive nothing from it.
 //!
-//! - a file a shape: [`rect`], [`disk`], [`sphere`];
+//! - a file a shape: [`rect`], [`disk`], [`sphere`], [`polygon`];
 //! - [`contour`]: Lambert's contour formula; `many`: unshadowed light of many receivers at once;
 //! - [`falloff`]: what of a light lies beyond a line; [`reach`]: how far it reaches in a view;
 //! - [`tangents`]: planes through a line that touch it.
@@ -13,6 +13,7 @@ pub mod contour;
 pub mod disk;
 pub mod falloff;
 pub(crate) mod many;
+pub mod polygon;
 pub mod reach;
 pub mod rect;
 pub mod sphere;
@@ -25,6 +26,7 @@ use glam::{DVec3, Vec3};
 use crate::error::{Error, Result};
 use crate::frame::{Frame, POINT_OFFSET};
 pub use disk::DiskLight;
+pub use polygon::PolygonLight;
 pub use rect::RectLight;
 pub use sphere::SphereLight;
 
@@ -36,7 +38,7 @@ const FARTHEST: f64 = (1u64 << 40) as f64;
 const POINT: f64 = f32::EPSILON as f64;
 
 /// Where a light is and what it looks like.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A parallelogram.
     Rect(RectLight),
@@ -44,21 +46,24 @@ pub enum Shape {
     Disk(DiskLight),
     /// A sphere.
     Sphere(SphereLight),
+    /// A planar polygon.
+    Polygon(PolygonLight),
 }
 
 /// What the shape of a light answers.
 macro_rules! of_shape {
     ($light:expr, $shape:ident => $answer:expr) => {
-        match $light.shape {
+        match &$light.shape {
             Shape::Rect($shape) => $answer,
             Shape::Disk($shape) => $answer,
             Shape::Sphere($shape) => $answer,
+            Shape::Polygon($shape) => $answer,
         }
     };
 }
 
 /// A light: a shape and the radiance that it emits, linear RGB.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Light {
     /// Where it is.
     pub shape: Shape,
@@ -70,7 +75,8 @@ impl Light {
     /// The same light with its middle moved by `point` and all lengths changed by `length`.
     pub fn mapped(&self, point: impl Fn(DVec3) -> DVec3, length: impl Fn(f64) -> f64) -> Light {
         let shape = of_shape!(self, shape => shape.mapped(point, length));
-        Light { shape, ..*self }
+        let radiance = self.radiance;
+        Light { shape, radiance }
     }
 
     /// The same light in a scene's local coordinates; farther away than `FARTHEST`, one there that looks the same.
@@ -92,7 +98,8 @@ impl Light {
             }),
             None => Shape::Sphere(SphereLight { center, radius }),
         };
-        Light { shape, ..*self }
+        let radiance = self.radiance;
+        Light { shape, radiance }
     }
 
     /// By how much a local flat light is moved off itself to its emitting side; what lies nearer to its plane, such as
@@ -150,7 +157,8 @@ impl Light {
     }
 
     /// Half axes of the light as seen along a direction of unit length, and whether it is the ellipse that they span
-    /// and not the parallelogram. A sphere's are across the direction, a flat light's in its plane.
+    /// and not the parallelogram. A sphere's are across the direction, a flat light's in its plane; a polygon's are those
+    /// of the rectangle that stands in for it.
     pub fn half_axes(&self, towards: DVec3) -> (DVec3, DVec3, bool) {
         of_shape!(self, shape => shape.half_axes(towards))
     }

@@ -17,14 +17,16 @@ pub enum LightOutline {
 
 impl LightOutline {
     pub(crate) fn new(light: &Light, rotation: DMat3) -> Self {
-        match light.shape {
-            Shape::Rect(RectLight { u, v, .. }) => {
-                LightOutline::Rect(rotation * (0.5 * u), rotation * (0.5 * v))
-            }
-            Shape::Disk(DiskLight { normal, radius, .. }) => {
+        let rect = |&RectLight { u, v, .. }: &RectLight| {
+            LightOutline::Rect(rotation * (0.5 * u), rotation * (0.5 * v))
+        };
+        match &light.shape {
+            Shape::Rect(light) => rect(light),
+            Shape::Polygon(polygon) => rect(&polygon.stand_in()),
+            &Shape::Disk(DiskLight { normal, radius, .. }) => {
                 LightOutline::Disk(rotation * normal, radius)
             }
-            Shape::Sphere(SphereLight { radius, .. }) => LightOutline::Sphere(radius),
+            &Shape::Sphere(SphereLight { radius, .. }) => LightOutline::Sphere(radius),
         }
     }
 

@@ -49,7 +49,14 @@ pub fn tangents(light: &Light, point: DVec3, axis: DVec3, outside: DVec3) -> Opt
 mod tests {
     use super::*;
     use crate::light::{DiskLight, RectLight, Shape, SphereLight};
+    use glam::DVec2;
     use std::f64::consts::TAU;
+
+    /// Corners of an arrowhead, which has a reflex one.
+    fn arrow(c: DVec3) -> [DVec3; 4] {
+        let plan = [(0.4, 0.0), (-0.3, 0.4), (-0.1, 0.0), (-0.3, -0.4)];
+        plan.map(|(x, y)| c + DVec3::new(x, -y, 0.2 * x))
+    }
 
     /// Points on the outline of a light, or all over a sphere.
     fn points(light: &Light) -> Vec<DVec3> {
@@ -61,13 +68,13 @@ mod tests {
                 0.0,
             )
         };
-        match light.shape {
-            Shape::Rect(RectLight { center, u, v }) => {
+        match &light.shape {
+            &Shape::Rect(RectLight { center, u, v }) => {
                 [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
                     .map(|(s, t)| center + s * u + t * v)
                     .to_vec()
             }
-            Shape::Disk(DiskLight {
+            &Shape::Disk(DiskLight {
                 center,
                 normal,
                 radius,
@@ -78,13 +85,17 @@ mod tests {
                     .map(|i| center + radius * (turn(i).x * e + turn(i).y * f))
                     .collect()
             }
-            Shape::Sphere(SphereLight { center, radius }) => (0..n)
+            &Shape::Sphere(SphereLight { center, radius }) => (0..n)
                 .flat_map(|i| (0..=n).map(move |j| (i, j)))
                 .map(|(i, j)| {
                     let z = 2.0 * j as f64 / n as f64 - 1.0;
                     center + radius * (turn(i) * (1.0 - z * z).max(0.0).sqrt() + z * DVec3::Z)
                 })
                 .collect(),
+            Shape::Polygon(polygon) => {
+                let place = |c: &DVec2| polygon.center + c.x * polygon.u + c.y * polygon.v;
+                polygon.corners().iter().map(place).collect()
+            }
         }
     }
 
@@ -101,6 +112,7 @@ mod tests {
             .unwrap(),
             Light::disk(c, DVec3::new(0.3, 0.2, -1.0), 0.4, [1.0; 3]).unwrap(),
             Light::sphere(c, 0.4, [1.0; 3]).unwrap(),
+            Light::polygon(&arrow(c), [1.0; 3]).unwrap(),
         ];
         let axis = DVec3::new(0.3, 1.0, -0.2).normalize();
         for light in lights {

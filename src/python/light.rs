@@ -1,9 +1,10 @@
 //! The light objects.
 
+use glam::DVec3;
 use pyo3::prelude::*;
 
 use crate::error::Result;
-use crate::light::Light;
+use crate::light::{Light, Shape};
 
 /// A light in world coordinates.
 #[pyclass(name = "Light", module = "softshadow._core", frozen)]
@@ -29,5 +30,25 @@ impl PyLight {
     #[staticmethod]
     fn sphere(center: [f64; 3], radius: f64, radiance: [f32; 3]) -> Result<Self> {
         Light::sphere(center.into(), radius, radiance).map(PyLight)
+    }
+
+    #[staticmethod]
+    fn polygon(vertices: Vec<[f64; 3]>, radiance: [f32; 3]) -> Result<Self> {
+        let corners: Vec<DVec3> = vertices.into_iter().map(DVec3::from).collect();
+        Light::polygon(&corners, radiance).map(PyLight)
+    }
+
+    /// The light's middle; a polygon's centroid.
+    #[getter]
+    fn center(&self) -> [f64; 3] {
+        self.0.center().into()
+    }
+
+    /// Corners of triangles that make up a polygon; none of another shape.
+    fn triangles(&self) -> Vec<[u32; 3]> {
+        match &self.0.shape {
+            Shape::Polygon(polygon) => polygon.triangles(),
+            Shape::Rect(_) | Shape::Disk(_) | Shape::Sphere(_) => Vec::new(),
+        }
     }
 }

@@ -65,7 +65,7 @@ pub(super) fn prepare(
     method: &PyMethod,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<PyPrepared> {
-    let lights: Vec<Light> = lights.iter().map(|l| l.0).collect();
+    let lights: Vec<Light> = lights.iter().map(|l| l.0.clone()).collect();
     let method = method.0.clone();
     let scene = scene.shared();
     run(py, progress.as_ref(), move |control| {

@@ -82,7 +82,10 @@ pub(super) fn fill_flat<S: Simd>(
     let zero = f32x16::splat(simd, 0.0);
     let scale = f32x16::splat(simd, (flat.area / pattern.len() as f64) as f32);
     for r in 0..out.valid.len() {
-        let (x, y) = coordinates(pattern, r, scramble, flat.disk);
+        let (mut x, mut y) = coordinates(pattern, r, scramble, flat.disk);
+        if let Some(polygon) = &flat.polygon {
+            polygon.strips().place(&mut x, &mut y);
+        }
         (out.coordinates[0][r], out.coordinates[1][r]) = (x, y);
         let l = combine(&c, &u, &v, x.load(simd), y.load(simd));
         let d = [l[0] - p[0], l[1] - p[1], l[2] - p[2]];

@@ -3,9 +3,10 @@
 
 use glam::DVec3;
 
-use crate::light::{Light, SphereLight};
+use crate::light::{Light, PolygonLight, SphereLight};
 
-#[derive(Debug, Clone, Copy)]
+/// A flat light: the square [-1, 1]² is the light, has it as its inscribed disk, or lies around it.
+#[derive(Debug, Clone)]
 pub(super) struct Flat {
     pub(super) center: DVec3,
     pub(super) u: DVec3,
@@ -13,6 +14,8 @@ pub(super) struct Flat {
     pub(super) normal: DVec3,
     pub(super) area: f64,
     pub(super) disk: bool,
+    /// The light, if it is a polygon in the square.
+    pub(super) polygon: Option<PolygonLight>,
 }
 
 /// The cap of directions in which a sphere is seen from outside.

@@ -38,8 +38,8 @@ impl Sampler {
     /// The square in which the receiver at `p` sees the light; meaningful only where it has a
     /// [`view`](Sampler::view).
     pub fn square(&self, p: DVec3) -> Square {
-        match (self.flat, Cap::new(&self.light, p)) {
-            (Some(flat), _) => Square::flat(&flat, p),
+        match (&self.flat, Cap::new(&self.light, p)) {
+            (Some(flat), _) => Square::flat(flat, p),
             (None, Some(cap)) => {
                 let size = cap.distance + self.light.center().abs().max_element().max(1.0);
                 Square::cap(&cap, p, POINT_OFFSET * size)
@@ -125,10 +125,11 @@ mod tests {
             Light::rect(c, u, v, [1.0; 3]).unwrap(),
             Light::disk(c, DVec3::new(0.1, 0.2, -1.0), 0.4, [1.0; 3]).unwrap(),
             Light::sphere(c, 0.4, [1.0; 3]).unwrap(),
+            Light::polygon(&[c - u, c - v, c + u, c - 0.3 * v], [1.0; 3]).unwrap(),
         ];
         let p = DVec3::new(-0.1, 0.2, 0.0);
         for light in lights {
-            let sampler = Sampler::new(light, Pattern::new(256, 1), false);
+            let sampler = Sampler::new(light.clone(), Pattern::new(256, 1), false);
             let (view, square) = (sampler.view(p).unwrap(), sampler.square(p));
             let mut samples = LightSamples::default();
             sampler.fill(0, p, DVec3::ZERO, &mut samples);

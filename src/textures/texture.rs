@@ -142,7 +142,7 @@ impl Texture {
         while self.samples < samples {
             let end = (self.samples + batch(self.size, transparent)).min(samples);
             let pattern = Pattern::part(self.samples..end, scene.seed);
-            let sampler = Sampler::new(*scene.light, pattern, true);
+            let sampler = Sampler::new(scene.light.clone(), pattern, true);
             let points = sampler.shared(&corners);
             let side = &scene.side;
             let draw = |point: &SharedPoint| {

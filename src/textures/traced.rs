@@ -67,7 +67,7 @@ impl<'a> Tracing<'a> {
     /// Traces to so many points of a light.
     pub fn new(atlas: &'a Atlas, light: u32, samples: usize, seed: u64) -> Self {
         let light = &atlas.lights[light as usize];
-        let sampler = Sampler::new(*light, Pattern::part(0..samples, seed), true);
+        let sampler = Sampler::new(light.clone(), Pattern::part(0..samples, seed), true);
         let kind = Weighting::of(light);
         let points = match kind {
             Weighting::Sphere => Vec::new(),

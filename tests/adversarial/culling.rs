@@ -12,7 +12,7 @@ use softshadow::scene::snapshot::Snapshot;
 use super::{OPAQUE, Random, bits, irradiance, scene, shade, vec};
 
 /// Receivers whose answer culling changes, and those in a penumbra.
-fn culling(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32) -> (usize, usize) {
+fn culling(geometry: &Arc<Snapshot>, light: &Light, at: &Receivers, n: u32) -> (usize, usize) {
     let [with, without] = [true, false].map(|cull| {
         let out = shade(geometry, light, at, n, cull);
         let penumbra = out.visibility.iter().filter(|v| **v > 0.0 && **v < 1.0);
@@ -175,7 +175,7 @@ fn culling_changes_no_bit_for_random_meshes_lights_and_receivers() {
         let at = Receivers::from_points(&geometry.frame, &points, given).unwrap();
         let light = random_light(&mut random);
         let n = [16, 100, 256][round % 3];
-        let (differ, partly) = culling(&geometry, light, &at, n);
+        let (differ, partly) = culling(&geometry, &light, &at, n);
         assert_eq!(differ, 0, "round {round}: {:?}, {n} samples", light.shape);
         (penumbra, all) = (penumbra + partly, all + at.len());
     }
@@ -201,7 +201,7 @@ fn culling_changes_no_bit_where_receivers_are_as_high_as_a_sphere() {
             let normals = vec![normal; points.len()];
             let given = (normal != DVec3::ZERO).then_some(&normals[..]);
             let at = Receivers::from_points(&geometry.frame, &points, given).unwrap();
-            let (differ, penumbra) = culling(&geometry, light, &at, 256);
+            let (differ, penumbra) = culling(&geometry, &light, &at, 256);
             assert!(penumbra > 0);
             assert_eq!(differ, 0, "height {height}, normal {normal}");
         }
@@ -235,7 +235,7 @@ fn culling_changes_no_bit_for_a_tiny_light_far_from_the_origin() {
         ] {
             for given in [None, Some(&normals[..])] {
                 let at = Receivers::from_points(&geometry.frame, &points, given).unwrap();
-                let (differ, penumbra) = culling(&geometry, light, &at, 256);
+                let (differ, penumbra) = culling(&geometry, &light, &at, 256);
                 assert!(penumbra > 0);
                 assert_eq!(differ, 0, "{:?} at {distance}", light.shape);
             }
@@ -259,7 +259,7 @@ fn a_triangle_just_in_front_of_a_light_is_heeded() {
         let corners = corners.map(|(x, y)| c + n * height + u * x + v * y);
         let geometry = scene(&[(&corners, &[[0, 1, 2]], OPAQUE)], 1.0);
         let at = Receivers::from_points(&geometry.frame, &points, None).unwrap();
-        let (differ, _) = culling(&geometry, light, &at, 256);
+        let (differ, _) = culling(&geometry, &light, &at, 256);
         assert_eq!(differ, 0, "{step}");
     }
 }

@@ -50,7 +50,7 @@ fn answers_are_finite_for_lights_and_receivers_at_any_distance_within_a_million(
                     for light in lights_at(distance, size) {
                         let case = format!("{light:?} and receivers {far} away");
                         let [a, b] =
-                            [true, false].map(|cull| shade(&geometry, light, &at, 33, cull));
+                            [true, false].map(|cull| shade(&geometry, &light, &at, 33, cull));
                         assert_eq!(bits(&a.visibility), bits(&b.visibility), "{case}");
                         assert!(
                             b.visibility.iter().all(|v| (0.0..=1.0).contains(v)),
@@ -94,7 +94,7 @@ fn a_sun_is_as_bright_at_its_true_distance_as_nearer_by() {
             Light::disk(c, -DVec3::Z, r, [1.0; 3]).unwrap(),
             Light::sphere(c, r, [1.0; 3]).unwrap(),
         ] {
-            let got = f64::from(irradiance(&shade(&geometry, light, &at, 64, true))[0]);
+            let got = f64::from(irradiance(&shade(&geometry, &light, &at, 64, true))[0]);
             let expected = light.unshadowed_irradiance(DVec3::ZERO, DVec3::Z);
             assert!(
                 (got - expected).abs() < 1e-4 * expected,
@@ -129,7 +129,7 @@ fn scenes_of_any_scale_without_casters_and_with_one_triangle_work() {
             let (_, seen) = from_camera(&geometry, None, &local, &Control::default()).unwrap();
             assert!(seen.len() > 20, "{}", seen.len());
             let light = Light::sphere(scale * vec(0.2, 0.2, 1.0), 0.1 * scale, [1.0; 3]).unwrap();
-            let out = shade(&geometry, light, &seen, 16, true);
+            let out = shade(&geometry, &light, &seen, 16, true);
             assert!(out.visibility.iter().all(|v| *v == 1.0), "scale {scale}");
         }
     }
@@ -163,7 +163,7 @@ proptest! {
             1 => Light::disk(c, vec(0.1, 0.3, -1.0), size, [1.0; 3]),
             _ => Light::sphere(c, size, [1.0; 3]),
         }.unwrap();
-        let sampler = Sampler::new(light, Pattern::new(n, seed), false);
+        let sampler = Sampler::new(light.clone(), Pattern::new(n, seed), false);
         let mut out = LightSamples::default();
         sampler.fill(index, p, DVec3::Z, &mut out);
         out.find_cells();

@@ -63,7 +63,7 @@ fn irradiance(shading: &Shading) -> &[f32] {
     }
 }
 
-fn shade(geometry: &Arc<Snapshot>, light: Light, at: &Receivers, n: u32, cull: bool) -> Shading {
+fn shade(geometry: &Arc<Snapshot>, light: &Light, at: &Receivers, n: u32, cull: bool) -> Shading {
     let control = Control::default();
     let method = RayTraced {
         samples: n,

@@ -92,7 +92,7 @@ def layered_maps(
     Parameters
     ----------
     scene : Scene
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
     method : Slsm, Mlsm or Mtsm, optional
         For resolution, layers and compression; ``Mtsm()`` by default.
     progress : bool or callable
@@ -151,7 +151,7 @@ def trace_layered_maps(
         All of one `origin` and `unit`. A flat light's map is traced fastest if it is drawn along
         the light's normal; seen otherwise, occluders count up to the middle of the light's depths.
         Without maps, all that is above a tangent plane is seen.
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
         All of it must lie in front of the cameras.
     points : array_like, shape (N, 3)
         World units.

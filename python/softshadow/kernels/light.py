@@ -30,7 +30,7 @@ def unshadowed_irradiance(light: Light, points: npt.ArrayLike, normals: npt.Arra
 
     Parameters
     ----------
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
     points, normals : array_like, shape (N, 3)
 
     Returns
@@ -60,7 +60,7 @@ def light_fraction_above(
 
     Parameters
     ----------
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
     points : array_like, shape (N, 3)
     normals : array_like, shape (N, 3), optional
         None: no tangent plane.
@@ -91,7 +91,7 @@ def light_samples(
 
     Parameters
     ----------
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
     point : array_like, shape (3,)
         The receiver.
     samples : int

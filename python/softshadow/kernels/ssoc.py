@@ -61,7 +61,7 @@ def ssoc_maps(
     ----------
     scene : Scene
         Opacities do not matter.
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
         A light of size zero has no distortion maps: they are all 0.
     method : Ssoc, optional
         For its resolution.

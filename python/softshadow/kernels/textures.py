@@ -142,7 +142,7 @@ def convolve_shadow(
     visibility : array_like, shape (H, W)
         Of the light's centre, 0 to 1; row 0 is the one farthest along `edge_v`. What is beside the
         picture counts as lit.
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
     corner, edge_u, edge_v : array_like, shape (3,)
         The parallelogram, ``corner + x edge_u + y edge_v``.
     scale : float

@@ -74,7 +74,7 @@ def wedges(
     ----------
     scene : Scene
         Opacities do not matter.
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
     vertex_angle : float
         Degrees, 1 to 180: where neighbouring edges turn by more, further wedges are set between.
     planes : {"tangent", "paper"}
@@ -107,7 +107,7 @@ def light_intensity(
     ----------
     scene : Scene
     camera : Camera
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
     method : Wedges, optional
         Its `overlap` does not matter: everything is added.
     progress : bool or callable

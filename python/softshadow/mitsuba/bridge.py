@@ -14,7 +14,7 @@ import numpy.typing as npt
 from softshadow.camera import Camera
 from softshadow.entries import Mesh
 from softshadow.extras import needs
-from softshadow.light import DiskLight, Light, LightLike, SphereLight, as_lights
+from softshadow.light import DiskLight, Light, LightLike, PolygonLight, SphereLight, as_lights
 from softshadow.mitsuba.image import MitsubaImage
 from softshadow.mitsuba.llvm import find_llvm
 from softshadow.scene import Scene
@@ -176,8 +176,13 @@ def _sensor(mi: ModuleType, scene: Scene, camera: Camera, samples: int) -> dict[
     }
 
 
-def _light(mi: ModuleType, light: Light) -> dict[str, Any]:
+def _light(mi: ModuleType, light: Light) -> Any:
     emitter = {"type": "area", "radiance": {"type": "rgb", "value": list(light.radiance)}}
+    if isinstance(light, PolygonLight):
+        properties = mi.Properties()
+        properties["emitter"] = mi.load_dict(emitter)
+        faces = np.array(light._core.triangles())
+        return _filled(mi, "light", np.array(light.vertices), faces, properties)
     if isinstance(light, SphereLight):
         _need_size(light.radius, "SphereLight.radius")
         return {
@@ -230,12 +235,21 @@ def _bsdf(albedo: tuple[float, float, float], opacity: float) -> dict[str, Any]:
 def _mesh(mi: ModuleType, entry: Mesh, bsdf: dict[str, Any]) -> Any:
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
+    return _filled(mi, entry.name, entry.world_vertices(), entry.faces, properties)
+
+
+def _filled(
+    mi: ModuleType,
+    name: str,
+    vertices: npt.NDArray[np.float64],
+    faces: npt.NDArray[np.int64],
+    properties: Any,
+) -> Any:
     properties["face_normals"] = True
-    vertices = entry.world_vertices()
-    mesh = mi.Mesh(entry.name, len(vertices), len(entry.faces), props=properties)
+    mesh = mi.Mesh(name, len(vertices), len(faces), props=properties)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = np.ravel(vertices).astype(np.float32)
-    parameters["faces"] = np.ravel(entry.faces).astype(np.uint32)
+    parameters["faces"] = np.ravel(faces).astype(np.uint32)
     parameters.update()
     return mesh
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from softshadow._core import ParameterError
 from softshadow.camera import Camera
 from softshadow.entries import Spheres
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
 from softshadow.loading import Setup, warn_of
 from softshadow.mitsuba.bridge import variant_set
 from softshadow.scene import Scene
@@ -41,9 +42,9 @@ def from_scene(scene: Any) -> Setup:
     Understood are the shapes ``ply``, ``obj``, ``serialized`` and other meshes, ``rectangle``,
     ``disk`` (a polygon of 256 sides), ``cube`` and ``sphere``; the materials ``diffuse``,
     ``twosided`` and ``mask``, of one colour and one opacity; area emitters of one radiance on a
-    ``rectangle``, ``disk`` or ``sphere``, which are lights and no geometry; and the first
-    ``perspective`` sensor. All else is listed in one warning: shapes and emitters are left out,
-    other materials are grey, textures have their mean.
+    ``rectangle``, ``disk`` or ``sphere``, or on a mesh that is one planar polygon, which are lights
+    and no geometry; and the first ``perspective`` sensor. All else is listed in one warning: shapes
+    and emitters are left out, other materials are grey, textures have their mean.
 
     Surfaces are two-sided and shaded by their faces' normals here, whatever Mitsuba's are, and
     lights cast no shadow.
@@ -285,8 +286,10 @@ def _light(mi: ModuleType, shape: Any, kind: str) -> Light | None:
     if _kind(emitter) != "AreaLight":
         return None
     radiance = _colour(mi, _children(mi, emitter)["radiance"])
-    if radiance is None or kind not in ("Rectangle", "Disk", "Sphere"):
+    if radiance is None:
         return None
+    if kind not in ("Rectangle", "Disk", "Sphere"):
+        return _polygon(mi, shape, radiance)
     matrix = _matrix(mi, shape)
     center, u, v = matrix[:3, 3], matrix[:3, 0], matrix[:3, 1]
     if kind == "Sphere":
@@ -301,6 +304,39 @@ def _light(mi: ModuleType, shape: Any, kind: str) -> Light | None:
     if max(stretched, sheared) > _ROUNDING * lengths[0] * lengths[1]:  # an ellipse
         return None
     return DiskLight(center, normal, lengths[0], radiance)
+
+
+def _polygon(mi: ModuleType, shape: Any, radiance: _Array) -> PolygonLight | None:
+    """Return the polygon that an emitting mesh is; None where it is not a planar one."""
+    parameters = mi.traverse(shape)
+    if "vertex_positions" not in parameters or "faces" not in parameters:
+        return None
+    vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3)
+    vertices, places = np.unique(vertices, axis=0, return_inverse=True)
+    # Edges of one triangle only are on the outline, and run as the triangle does.
+    edges = places.ravel()[faces][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).tolist()
+    opposite = {(b, a) for a, b in edges}
+    after = {a: b for a, b in edges if (a, b) not in opposite}
+    if not after:
+        return None
+    path = [next(iter(after))]
+    while (corner := after.get(path[-1], path[0])) != path[0] and len(path) < len(after):
+        path.append(corner)
+    outline = vertices[path[::-1] if shape.has_flipped_normals() else path]
+    if len(path) != len(after):  # a hole, parts, or parts that touch
+        return None
+    try:
+        found = PolygonLight(outline, radiance)
+    except ParameterError:  # not planar, or not simple
+        return None
+    # Triangles on top of each other, or folded, have more area than their outline.
+    corners = vertices[places.ravel()[faces]]
+    sides = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=-1).sum()
+    first = outline[1:-1] - outline[0], outline[2:] - outline[0]
+    own = 0.5 * np.linalg.norm(np.cross(*first).sum(axis=0))
+    return found if abs(area - own) <= _ROUNDING * area else None
 
 
 def _camera(mi: ModuleType, sensor: Any) -> Camera | None:

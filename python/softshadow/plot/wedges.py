@@ -44,7 +44,7 @@ def wedges(
     ----------
     found : PenumbraWedges
         Of `softshadow.kernels.wedges`; few of them, or the picture is full.
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
         That the wedges were built for.
     height : float
         Where the plane is, z in world units, below all edges.

@@ -34,7 +34,7 @@ class Setup:
     ----------
     scene : Scene
     camera : Camera
-    light : RectLight, DiskLight or SphereLight
+    light : RectLight, DiskLight, SphereLight or PolygonLight
         The light, or the first of several.
     visibility : callable, optional
         Where a closed form is known: from world positions, shape (..., 3), on the receiving plane
@@ -72,7 +72,7 @@ def light_towards(kind: LightKind, center: npt.ArrayLike, size: float, aim: npt.
 
     Returns
     -------
-    RectLight, DiskLight or SphereLight
+    RectLight, DiskLight, SphereLight or PolygonLight
 
     Raises
     ------

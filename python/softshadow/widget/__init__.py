@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 from softshadow import checks
 from softshadow.camera import Camera
 from softshadow.compare import label_of
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
 from softshadow.methods import Method, MethodLike, method_names, resolve
 from softshadow.scene import Scene
 
@@ -44,8 +44,9 @@ def widget(
         It is not copied: call the widget's ``redraw`` after a change.
     camera : Camera
         Its size is that of the picture.
-    light : RectLight, DiskLight or SphereLight
-        Where it starts; flat lights keep their direction, and rectangles their proportions.
+    light : RectLight, DiskLight, SphereLight or PolygonLight
+        Where it starts; flat lights keep their direction, rectangles and polygons their
+        proportions.
     method : str or method
         The method at the start.
     methods : sequence of str or method, optional
@@ -81,7 +82,7 @@ def widget(
         raise TypeError(f"scene: expected softshadow.Scene, got {type(scene).__name__}")
     if not isinstance(camera, Camera):
         raise TypeError(f"camera: expected softshadow.Camera, got {type(camera).__name__}")
-    if not isinstance(light, (RectLight, DiskLight, SphereLight)):
+    if not isinstance(light, (RectLight, DiskLight, SphereLight, PolygonLight)):
         raise TypeError(f"light: expected one light, got {checks.shown(light)}")
     if what not in ("radiance", "visibility"):
         raise ValueError(f"what: expected 'radiance' or 'visibility', got {what!r}")

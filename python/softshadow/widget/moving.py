@@ -19,7 +19,7 @@ from softshadow.camera import Camera
 from softshadow.checks import shown
 from softshadow.extras import needs
 from softshadow.images import auto_exposure, to_srgb
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
 from softshadow.methods import Method
 from softshadow.render import Image, prepare
 from softshadow.scene import Scene
@@ -219,9 +219,14 @@ class ShadowWidget(AnyWidget):
 
 
 def width_of(light: Light) -> float:
-    """Return a light's diameter, or a rectangle's longer edge, in world units."""
+    """Return a light's diameter, or a rectangle's longer edge, in world units.
+
+    A polygon's is twice the distance from its centroid to its farthest corner.
+    """
     if isinstance(light, RectLight):
         return max(math.hypot(*light.edge_u), math.hypot(*light.edge_v))
+    if isinstance(light, PolygonLight):
+        return 2 * max(math.dist(v, light.center) for v in light.vertices)
     return 2 * light.radius
 
 
@@ -232,6 +237,9 @@ def placed(light: Light, center: Vector, width: float) -> Light:
     if isinstance(light, RectLight):
         u, v = np.multiply(factor, (light.edge_u, light.edge_v))
         return RectLight(center, u, v, radiance)
+    if isinstance(light, PolygonLight):
+        corners = np.subtract(light.vertices, light.center) * factor
+        return PolygonLight(np.add(center, corners), radiance)
     if isinstance(light, DiskLight):
         return DiskLight(center, light.normal, width / 2, radiance)
     return SphereLight(center, width / 2, radiance)

@@ -30,7 +30,7 @@ use crate::casters::Casters;
 use crate::casters::behind::split;
 use crate::error::Result;
 use crate::geometry::Geometry;
-use crate::light::{Light, RectLight, Shape};
+use crate::light::{Light, PolygonLight, RectLight, Shape};
 use crate::maps::views::{COARSER, Extent, WIDEST, look_face};
 
 /// The least distance from eye to light, over that from the light to the farthest caster. It keeps inverse
@@ -106,7 +106,9 @@ fn flat(
     let center = light.center();
     // Along an edge, so that its samples fill the view's columns and rows evenly.
     let right = match light.shape {
-        Shape::Rect(RectLight { u, .. }) => u.try_normalize(),
+        Shape::Rect(RectLight { u, .. }) | Shape::Polygon(PolygonLight { u, .. }) => {
+            u.try_normalize()
+        }
         Shape::Disk(..) | Shape::Sphere(..) => None,
     };
     let right = right.unwrap_or_else(|| normal.any_orthonormal_vector());

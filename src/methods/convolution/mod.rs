@@ -268,10 +268,10 @@ impl Shadows {
         // What lies in a flat light's plane is behind it.
         let light = atlas.lights[key.light as usize].lifted();
         Shadows {
+            eye: eye(&light, &side),
             light,
             side,
             occluders: atlas.occluders(key, &side, gatherer),
-            eye: eye(&light, &side),
         }
     }
 

@@ -129,6 +129,8 @@ pub(super) struct Grid {
     /// The columns of each row that are points of the light above the tangent plane, up to the second.
     first: Vec<Counts>,
     last: Vec<Counts>,
+    /// Scratch of [`Grid::keep_within`].
+    turns: Vec<bool>,
 }
 
 impl Grid {
@@ -147,6 +149,7 @@ impl Grid {
             shifts: vec![Row::default(); blocks],
             first: vec![zero; blocks],
             last: vec![zero; blocks],
+            turns: Vec::new(),
         }
     }
 
@@ -574,5 +577,6 @@ impl<S: Simd> RowsOfPoints<S> {
     }
 }
 
+mod polygon;
 #[cfg(test)]
 mod tests;

@@ -41,7 +41,7 @@ use crate::adaptive::LEAST_ERROR;
 use crate::bvh::outline::touches_light;
 use crate::control::Control;
 use crate::error::{Result, in_range};
-use crate::light::Light;
+use crate::light::{Light, PolygonLight};
 use crate::method::{Irradiance, Method, Prepared, Shading};
 use crate::receivers::Receivers;
 use crate::sampling::shaft::halves;
@@ -106,9 +106,13 @@ impl Method for Counted {
                 let cut = touches_light(&occluders.opaque, light, &mut Vec::new());
                 // All samples of a point are one.
                 let pattern = if light.is_point() { &one } else { &pattern };
-                let sampler = Sampler::new(*light, pattern.clone(), false);
+                let sampler = Sampler::new(light.clone(), pattern.clone(), false);
                 let count = !cut && !light.is_point();
-                PreparedLight { sampler, count }
+                PreparedLight {
+                    polygon: sampler.polygon().map(PolygonLight::in_square),
+                    sampler,
+                    count,
+                }
             })
             .collect();
         if lights.iter().any(|light| light.count) {
@@ -128,6 +132,8 @@ struct PreparedLight {
     sampler: Sampler,
     /// Whether edges can be counted at all.
     count: bool,
+    /// Corners of a polygon in the square in which receivers see it.
+    polygon: Option<Vec<[f32; 2]>>,
 }
 
 struct PreparedCounted {
@@ -448,7 +454,12 @@ impl PreparedCounted {
         if !draw_edges(blocks, bvh, &seen_so, &mut s.grid) {
             return Counting::Unclear;
         }
-        let counted = dispatch!(detect(), simd => count_lanes(simd, &mut s.grid, &square, normal));
+        let (grid, polygon) = (&mut s.grid, light.polygon.as_deref());
+        let Some(counted) =
+            dispatch!(detect(), simd => count_lanes(simd, grid, &square, normal, polygon))
+        else {
+            return Counting::Nothing;
+        };
         let grid = &s.grid;
         let mut ray = |level: &Level| {
             let at = grid.point(level.place);
@@ -486,8 +497,15 @@ struct Counts {
     share: [f32; 2],
 }
 
+/// Nothing where no point of the light is above the tangent plane.
 #[inline(always)]
-fn count_lanes<S: Simd>(simd: S, grid: &mut Grid, square: &Square, normal: DVec3) -> Counts {
+fn count_lanes<S: Simd>(
+    simd: S,
+    grid: &mut Grid,
+    square: &Square,
+    normal: DVec3,
+    polygon: Option<&[[f32; 2]]>,
+) -> Option<Counts> {
     let all_alike = |count: i16, grid: &Grid| Counts {
         lowest: Level {
             count,
@@ -497,12 +515,21 @@ fn count_lanes<S: Simd>(simd: S, grid: &mut Grid, square: &Square, normal: DVec3
         share: [1.0; 2],
     };
     if !grid.is_changed() {
-        return all_alike(0, grid);
+        // Also of a polygon: no edge is known to cross the square around it.
+        return Some(all_alike(0, grid));
     }
-    let count = grid.count(simd);
+    let mut count = grid.count(simd);
+    if let Some(corners) = polygon {
+        grid.keep_within(corners);
+        count = grid.next_level(simd, i16::MIN)?.count;
+    }
     let next = grid.next_level(simd, count);
     if next.is_none() {
-        return all_alike(count, grid);
+        let mut counts = all_alike(count, grid);
+        if polygon.is_some() {
+            counts.lowest = grid.level(simd, count);
+        }
+        return Some(counts);
     }
     let sums = grid.sums(simd, count, square, normal);
     let share = |i: usize| {
@@ -510,9 +537,9 @@ fn count_lanes<S: Simd>(simd: S, grid: &mut Grid, square: &Square, normal: DVec3
         // Light at the horizon may have weights of 0 only.
         if part.is_finite() { part.min(1.0) } else { 0.0 }
     };
-    Counts {
+    Some(Counts {
         lowest: grid.level(simd, count),
         next,
         share: [share(0), share(1)],
-    }
+    })
 }

@@ -155,8 +155,8 @@ impl LightMaps {
         }
         let pattern = Pattern::new(settings.samples as usize, settings.seed);
         Ok(LightMaps {
-            light: *light,
-            sampler: Sampler::new(*light, pattern, false),
+            light: light.clone(),
+            sampler: Sampler::new(light.clone(), pattern, false),
             groups,
             estimate: settings.estimate,
             bias: settings.bias.map(|b| b / casters.geometry().frame.unit),

@@ -310,7 +310,7 @@ impl Method for Layered {
         for light in lights {
             let groups = self.maps(&casters, light, control)?;
             let near = self.near(&casters, light, &groups);
-            found.push(LayeredLight::new(self.sampler(*light), groups, near));
+            found.push(LayeredLight::new(self.sampler(light.clone()), groups, near));
         }
         Ok(Box::new(PreparedLayered {
             lights: found,
@@ -324,7 +324,7 @@ impl LayeredLight {
     fn new(sampler: Sampler, groups: Vec<Vec<LayerMap>>, near: Option<Near>) -> Self {
         let flat = groups.iter().map(|maps| FlatTargets::new(&sampler, maps));
         LayeredLight {
-            light: *sampler.light(),
+            light: sampler.light().clone(),
             flat: flat.collect(),
             transparent: groups.iter().flatten().any(LayerMap::is_transparent),
             sampler,

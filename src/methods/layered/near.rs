@@ -65,7 +65,7 @@ impl Near {
         let largest = low.abs().max(high.abs()).max_element().max(1.0);
         Near {
             geometry: geometry.clone(),
-            light: *light,
+            light: light.clone(),
             off: 4.0 * POINT_OFFSET * largest,
             through: transparent.map_or(Vec::new(), |(bvh, through)| {
                 within_maps(geometry, bvh, through, maps, opaque)

@@ -183,7 +183,7 @@ impl Method for Mvsm {
                 groups.push(of_view);
             }
             found.push(Views {
-                light: *light,
+                light: light.clone(),
                 planes: maps
                     .iter()
                     .map(|m| planes(casters.geometry(), light, m))
@@ -192,7 +192,7 @@ impl Method for Mvsm {
                     .iter()
                     .map(|m: &LayerMap| Source::new(light, &m.view.camera))
                     .collect(),
-                sampler: Sampler::new(*light, pattern.clone(), true),
+                sampler: Sampler::new(light.clone(), pattern.clone(), true),
                 maps,
                 groups,
             });

@@ -115,7 +115,7 @@ impl Method for RayTraced {
                         .as_ref()
                         .is_some_and(|(bvh, _)| touches(bvh));
                 let step = |(k, pattern): (usize, &Pattern)| PreparedLight {
-                    sampler: Sampler::new(*light, pattern.clone(), self.fixed),
+                    sampler: Sampler::new(light.clone(), pattern.clone(), self.fixed),
                     // Receivers that need more samples than the first have edges before their light.
                     cull: self.cull && !cut && k == 0,
                 };

@@ -117,7 +117,7 @@ fn a_triangles_distance_is_that_of_its_nearest_point() {
     let mut random = Random(8);
     let mut counted = 0;
     for round in 0..600 {
-        let light = lights(&mut random)[round % 3];
+        let light = lights(&mut random)[round % 3].clone();
         let doubled = DoubledLight::new(&light, light.center().as_vec3());
         let origin = (0.5 * random.point()).as_vec3();
         let n = if round % 2 == 0 {

@@ -58,21 +58,24 @@ impl Default for DoubledOutline {
 }
 
 impl DoubledLight {
-    /// The shape of a local light that is not a point; `target` is where shadow rays to its centre end.
+    /// The shape of a local light that is not a point, or the rectangle that stands in for a polygon; `target` is where
+    /// shadow rays to its centre end.
     pub(super) fn new(light: &Light, target: Vec3) -> Self {
         let target = target.as_dvec3();
-        match light.shape {
-            Shape::Rect(RectLight { u, v, .. }) => {
-                let across = u.cross(v);
-                let (du, dv) = (v.cross(across), across.cross(u));
-                let duals = [du / u.dot(du), dv / v.dot(dv)];
-                DoubledLight {
-                    target,
-                    kind: DoubledOutline::Rect([u, v], duals, -across.normalize()),
-                    reach: u.length() + v.length(),
-                }
+        let rect = |&RectLight { u, v, .. }: &RectLight| {
+            let across = u.cross(v);
+            let (du, dv) = (v.cross(across), across.cross(u));
+            let duals = [du / u.dot(du), dv / v.dot(dv)];
+            DoubledLight {
+                target,
+                kind: DoubledOutline::Rect([u, v], duals, -across.normalize()),
+                reach: u.length() + v.length(),
             }
-            Shape::Disk(DiskLight { normal, radius, .. }) => {
+        };
+        match &light.shape {
+            Shape::Rect(light) => rect(light),
+            Shape::Polygon(polygon) => rect(&polygon.stand_in()),
+            &Shape::Disk(DiskLight { normal, radius, .. }) => {
                 let (e, f) = normal.any_orthonormal_pair();
                 DoubledLight {
                     target,
@@ -80,7 +83,7 @@ impl DoubledLight {
                     reach: 2.0 * radius,
                 }
             }
-            Shape::Sphere(SphereLight { radius, .. }) => DoubledLight {
+            &Shape::Sphere(SphereLight { radius, .. }) => DoubledLight {
                 target,
                 kind: DoubledOutline::Sphere(2.0 * radius),
                 reach: 2.0 * radius,

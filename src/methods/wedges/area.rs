@@ -28,6 +28,7 @@ use fearless_simd::{dispatch, f32x16, prelude::*};
 
 use super::block::{LightFrame, ReceiverBlock};
 use super::edge::AreaEdge;
+use super::polygon::FlatPolygon;
 use super::sector::{EdgeOnLight, Inner, Stored, VertexOnLight, turn};
 use crate::simd::{Lanes, Row, detect};
 
@@ -50,14 +51,27 @@ pub fn cover(
     steps: f32,
     out: &mut [Row; 2],
 ) {
-    let square = matches!(frame, LightFrame::Flat { square: true, .. });
-    dispatch!(detect(), simd => cover_lanes(simd, square, edges, ids, scratch, steps, out));
+    let (square, polygon) = match frame {
+        LightFrame::Flat {
+            square, polygon, ..
+        } => (*square, polygon.as_ref()),
+        LightFrame::Sphere { .. } => (false, None),
+    };
+    let unit = UnitLight { square, polygon };
+    dispatch!(detect(), simd => cover_lanes(simd, unit, edges, ids, scratch, steps, out));
+}
+
+/// The light in its own coordinates: the unit disk or the square, or a polygon in the square.
+#[derive(Clone, Copy)]
+struct UnitLight<'a> {
+    square: bool,
+    polygon: Option<&'a FlatPolygon>,
 }
 
 #[inline(always)]
 fn cover_lanes<S: Simd>(
     simd: S,
-    square: bool,
+    unit: UnitLight<'_>,
     edges: &[AreaEdge],
     ids: &[u32],
     scratch: &mut AreaScratch,
@@ -68,6 +82,7 @@ fn cover_lanes<S: Simd>(
         block,
         lines: drawn,
     } = scratch;
+    let square = unit.square;
     let mut lines = [out[0].load(simd), out[1].load(simd)];
     let mut pending = 0;
     let mut chain = Chain::new(simd, square);
@@ -84,8 +99,9 @@ fn cover_lanes<S: Simd>(
             }
         };
         let b = VertexOnLight::new(simd, block, &edge.ends[1], square);
-        // Shares that are rounded one by one cannot be summed first.
-        let inner = if steps > 0.0 { 0 } else { a.inside & b.inside };
+        // Shares that are rounded one by one cannot be summed first, and vertices in the square may be beside a polygon.
+        let alone = steps > 0.0 || unit.polygon.is_some();
+        let inner = if alone { 0 } else { a.inside & b.inside };
         chain.extend(&a, &b, inner, block, edge);
         let open = !(inner | a.misses(&b, square));
         if open != 0
@@ -97,13 +113,13 @@ fn cover_lanes<S: Simd>(
             (next.shadow_side, next.weights) = (shadow_side, edge.weights);
             pending += 1;
             if pending == BATCH {
-                measure(simd, drawn, square, steps, &mut lines);
+                measure(simd, drawn, unit, steps, &mut lines);
                 pending = 0;
             }
         }
     }
     chain.finish();
-    measure(simd, &drawn[..pending], square, steps, &mut lines);
+    measure(simd, &drawn[..pending], unit, steps, &mut lines);
     let scale = f32x16::splat(simd, 1.0 / turn(square));
     out[0].set(lines[0] + chain.sum[0] * scale);
     out[1].set(lines[1] + chain.sum[1] * scale);
@@ -210,12 +226,14 @@ struct Pending {
 fn measure<S: Simd>(
     simd: S,
     lines: &[Pending],
-    square: bool,
+    unit: UnitLight<'_>,
     steps: f32,
     out: &mut [f32x16<S>; 2],
 ) {
     for pending in lines {
-        let beyond = pending.line.line(simd).beyond(square);
+        let UnitLight { square, polygon } = unit;
+        let line = pending.line.line(simd);
+        let beyond = line.beyond(square, polygon, pending.shadow_side);
         let beyond = if steps > 0.0 {
             let magic = f32x16::splat(simd, 12_582_912.0);
             let rounded = beyond * steps + magic - magic;
@@ -297,6 +315,27 @@ mod tests {
                     // Half a step and some ulps of half a turn an edge.
                     prop_assert!((once - alone).abs() < 2e-6 * edges.len() as f32, "{once} {alone}");
                 }
+            }
+        }
+    }
+
+    proptest! {
+        /// Sides of an outline, and what is known of a square: two ways to the same area.
+        #[test]
+        fn a_square_is_covered_as_the_polygon_that_it_is(
+            grid in prop::collection::vec(prop::array::uniform2(-8i8..=8), 3..12),
+            x in prop::collection::vec(-0.3..0.3, LANES),
+        ) {
+            let points: Vec<_> = grid.iter().map(|p| p.map(|x| f64::from(x) / 16.0)).collect();
+            let receivers: Vec<DVec3> = x.iter().map(|&x| DVec3::new(x + 0.01, 0.02 - x, 0.0)).collect();
+            let edges = contour(&points, 0.75);
+            let corners = [(-0.5, -0.4), (-0.5, 0.4), (0.5, 0.4), (0.5, -0.4)];
+            let corners = corners.map(|(x, y)| DVec3::new(x, y, 1.5));
+            let polygon = Light::polygon(&corners, [1.0; 3]).expect("valid");
+            let both = [&polygon, &lights()[1]].map(|light| covered(&edges, light, &receivers, 0.0));
+            for (own, square) in both[0].into_iter().zip(both[1]) {
+                // Some ulps of half the light an edge.
+                prop_assert!((own - square).abs() < 1e-6 * edges.len() as f32, "{own} {square}");
             }
         }
     }

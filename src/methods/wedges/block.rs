@@ -4,7 +4,8 @@ use fearless_simd::{dispatch, f32x16, prelude::*};
 use glam::DVec3;
 
 use super::edge::{AreaEdge, Split};
-use crate::light::{DiskLight, Light, RectLight, Shape, SphereLight};
+use super::polygon::FlatPolygon;
+use crate::light::{DiskLight, Light, PolygonLight, RectLight, Shape, SphereLight};
 use crate::simd::{LANES, Row, detect};
 
 /// Sixteen receivers.
@@ -59,8 +60,8 @@ impl ReceiverBlock {
     }
 }
 
-/// A light's own coordinates, in which it is the unit disk or the square [-1, 1]².
-#[derive(Debug, Clone, Copy)]
+/// A light's own coordinates, in which it is the unit disk or the square [-1, 1]², or a polygon in the square.
+#[derive(Debug, Clone)]
 pub enum LightFrame {
     /// A sphere: a disk towards each receiver.
     Sphere {
@@ -69,7 +70,7 @@ pub enum LightFrame {
         /// Radius.
         radius: f64,
     },
-    /// A disk or a rectangle, by the dual basis of its half-axes.
+    /// A disk, a rectangle or a polygon, by the dual basis of its half-axes.
     Flat {
         /// Centre.
         center: DVec3,
@@ -79,17 +80,19 @@ pub enum LightFrame {
         v: DVec3,
         /// The vector that gives its distance from the light's plane.
         n: DVec3,
-        /// Whether it is a rectangle.
+        /// Whether it is a rectangle or a polygon.
         square: bool,
+        /// The polygon.
+        polygon: Option<FlatPolygon>,
     },
 }
 
 impl LightFrame {
     /// The light's own coordinates, for a light that has a width.
     pub fn new(light: &Light) -> Self {
-        match light.shape {
-            Shape::Sphere(SphereLight { center, radius }) => LightFrame::Sphere { center, radius },
-            Shape::Disk(DiskLight {
+        match &light.shape {
+            &Shape::Sphere(SphereLight { center, radius }) => LightFrame::Sphere { center, radius },
+            &Shape::Disk(DiskLight {
                 center,
                 normal,
                 radius,
@@ -101,9 +104,10 @@ impl LightFrame {
                     v: normal.cross(e) / radius,
                     n: normal,
                     square: false,
+                    polygon: None,
                 }
             }
-            Shape::Rect(RectLight { center, u, v }) => {
+            &Shape::Rect(RectLight { center, u, v }) => {
                 let n = u.cross(v);
                 let area = n.length_squared();
                 LightFrame::Flat {
@@ -112,6 +116,18 @@ impl LightFrame {
                     v: 2.0 * n.cross(u) / area,
                     n: n / area.sqrt(),
                     square: true,
+                    polygon: None,
+                }
+            }
+            Shape::Polygon(polygon) => {
+                let &PolygonLight { center, u, v, .. } = polygon;
+                LightFrame::Flat {
+                    center,
+                    u: u / u.length_squared(),
+                    v: v / v.length_squared(),
+                    n: u.cross(v).normalize(),
+                    square: true,
+                    polygon: Some(FlatPolygon::new(polygon)),
                 }
             }
         }

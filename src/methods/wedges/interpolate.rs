@@ -64,6 +64,10 @@ impl PlaneWedge {
         // A direction in a plane has no distance to it: everything is as far, which a large number says.
         let reciprocal = |n: DVec3, d: DVec3| (1.0 / n.dot(d).abs().max(1e-9)) as f32;
         let both = |n: DVec3, d: [DVec3; 2]| d.map(|d| reciprocal(n, d));
+        let shorter = |&RectLight { u, v, .. }: &RectLight| {
+            let (a, b) = (u.dot(wedge.outside).abs(), v.dot(wedge.outside).abs());
+            (a.min(b) / (a + b)) as f32
+        };
         PlaneWedge {
             planes: [
                 row(&wedge.front),
@@ -76,11 +80,9 @@ impl PlaneWedge {
             along: wedge.sides.map(|s| reciprocal(s.normal, wedge.direction)),
             layers: wedge.layers.map(|n| n as f32),
             falloff,
-            part: match light.shape {
-                Shape::Rect(RectLight { u, v, .. }) => {
-                    let (a, b) = (u.dot(wedge.outside).abs(), v.dot(wedge.outside).abs());
-                    (a.min(b) / (a + b)) as f32
-                }
+            part: match &light.shape {
+                Shape::Rect(light) => shorter(light),
+                Shape::Polygon(polygon) => shorter(&polygon.stand_in()),
                 Shape::Disk(_) | Shape::Sphere(_) => -1.0,
             },
         }

@@ -26,6 +26,7 @@ pub mod buffer;
 pub mod edge;
 pub mod interpolate;
 pub mod planes;
+pub mod polygon;
 mod sector;
 pub mod volume;
 
@@ -230,7 +231,7 @@ impl Cast {
         let objects = |w: &[Wedge]| w.iter().map(|w| w.object).collect::<Vec<_>>();
         let soft = settings.soft.filter(|_| !light.is_point());
         let none = Cast {
-            light: *light,
+            light: light.clone(),
             quads: Vec::new(),
             fan: 1,
             interior: Interior::None,

@@ -6,6 +6,7 @@ use std::f32::consts::PI;
 
 use super::block::ReceiverBlock;
 use super::edge::{AreaEdge, Split};
+use super::polygon::FlatPolygon;
 use crate::simd::{Lanes, Row};
 use fearless_simd::{f32x16, prelude::*};
 
@@ -268,10 +269,17 @@ impl<S: Simd> EdgeOnLight<S> {
         })
     }
 
-    /// Fraction of the light in the edge's sector beyond it.
+    /// Fraction of the light in the edge's sector beyond it; `shadow_side`: lanes that have the centre to its right.
     #[inline(always)]
-    pub(super) fn beyond(&self, square: bool) -> f32x16<S> {
-        let beyond = if square {
+    pub(super) fn beyond(
+        &self,
+        square: bool,
+        polygon: Option<&FlatPolygon>,
+        shadow_side: u16,
+    ) -> f32x16<S> {
+        let beyond = if let Some(polygon) = polygon {
+            beyond_in_polygon(self, polygon, shadow_side)
+        } else if square {
             beyond_in_square(self)
         } else {
             beyond_in_disk(self)
@@ -295,9 +303,9 @@ fn beyond_in_disk<S: Simd>(line: &EdgeOnLight<S>) -> f32x16<S> {
     area.where_bits(t0.lt(t1), 0.0)
 }
 
-/// Fraction of the square [-1, 1]² in the edge's sector beyond it.
+/// Where an edge enters the square [-1, 1]² and leaves it.
 #[inline(always)]
-fn beyond_in_square<S: Simd>(line: &EdgeOnLight<S>) -> f32x16<S> {
+fn within_square<S: Simd>(line: &EdgeOnLight<S>) -> [f32x16<S>; 2] {
     let (mut t0, mut t1) = (line.from, line.to);
     // A line along a side leaves the slab nowhere: so far away that it does not matter.
     let slope = |d: f32x16<S>| {
@@ -313,6 +321,31 @@ fn beyond_in_square<S: Simd>(line: &EdgeOnLight<S>) -> f32x16<S> {
         t0 = t0.greater(low.lesser(high));
         t1 = t1.lesser(low.greater(high));
     }
+    [t0, t1]
+}
+
+/// Fraction of the polygon in the edge's sector beyond it.
+///
+/// Where rounding has the centre on the other side of the edge than its exact one, the edge goes through the centre:
+/// other than of a square or a disk, what lies on either side is not half of the light.
+#[inline(always)]
+fn beyond_in_polygon<S: Simd>(
+    line: &EdgeOnLight<S>,
+    polygon: &FlatPolygon,
+    shadow_side: u16,
+) -> f32x16<S> {
+    let [t0, t1] = within_square(line);
+    let [dx, dy] = line.direction;
+    let along = line.foot[0] * dy - line.foot[1] * dx;
+    let h = (0.0 - along).where_bits(shadow_side, along).greater(0.0);
+    let beyond = polygon.beyond(h, line.direction, [t0, t1], shadow_side);
+    beyond.where_bits(t0.lt(t1), 0.0)
+}
+
+/// Fraction of the square [-1, 1]² in the edge's sector beyond it.
+#[inline(always)]
+fn beyond_in_square<S: Simd>(line: &EdgeOnLight<S>) -> f32x16<S> {
+    let [t0, t1] = within_square(line);
     let inside = t0.lt(t1);
     let ends = [t0, t1].map(|t| [0, 1].map(|axis| line.foot[axis] + line.direction[axis] * t));
     // Of a point in the centre any place on the border will do.

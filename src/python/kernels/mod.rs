@@ -314,7 +314,7 @@ pub(super) mod kernels {
         points: PyReadonlyArray2<'py, f64>,
         normals: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Doubles1<'py>> {
-        let light = light.0;
+        let light = light.0.clone();
         each_receiver(py, &points, Some(&normals), |p, n| {
             light.unshadowed_irradiance(p, n)
         })
@@ -328,7 +328,7 @@ pub(super) mod kernels {
         points: PyReadonlyArray2<'py, f64>,
         normals: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Doubles1<'py>> {
-        let light = light.0;
+        let light = light.0.clone();
         each_receiver(py, &points, normals.as_ref(), |p, n| {
             light.fraction_above(p, n)
         })
@@ -349,7 +349,7 @@ pub(super) mod kernels {
             return Err(Error::parameter("samples", reason).into());
         }
         // A frame around the light and the point, as a scene that holds both would have.
-        let world = light.0;
+        let world = light.0.clone();
         let (low, high) = world.bounds();
         let (low, high) = (low.min(p), high.max(p));
         let unit = (high - low).max_element().log2().ceil().exp2();

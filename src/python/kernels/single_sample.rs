@@ -27,7 +27,7 @@ pub(in crate::python) fn outer_distances<'py>(
     let method = parameters.parse()?;
     let points = arrays::points(&points, "points")?;
     let normals = normals.map(|n| arrays::points(&n, "normals")).transpose()?;
-    let (scene, light) = (scene.shared(), light.0);
+    let (scene, light) = (scene.shared(), light.0.clone());
     let out = run(py, progress.as_ref(), move |control| {
         let geometry = scene.snapshot_for(std::slice::from_ref(&light))?;
         let receivers = Receivers::from_points(&geometry.frame, &points, normals.as_deref())?;

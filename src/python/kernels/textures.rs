@@ -68,7 +68,7 @@ pub(in crate::python) fn textures(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<PyTextures> {
     let method = parameters.parse()?;
-    let lights: Vec<Light> = lights.iter().map(|l| l.0).collect();
+    let lights: Vec<Light> = lights.iter().map(|l| l.0.clone()).collect();
     let scene = scene.shared();
     let toward_light = match side {
         "front" => None,
@@ -401,7 +401,7 @@ pub(in crate::python) fn convolve_shadow<'py>(
         return Err(Error::parameter("scale", reason).into());
     }
     let picture: Vec<f32> = hidden.iter().copied().collect();
-    let light = light.0;
+    let light = light.0.clone();
     let size = size.map(|s| s as u32);
     let flat = run(py, progress.as_ref(), move |control| {
         convolution::convolve(&picture, size, &light, &bounds, scale, control)

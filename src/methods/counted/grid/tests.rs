@@ -96,3 +96,30 @@ fn counts_are_those_of_triangles_one_by_one() {
         assert!(constant.is_some());
     }
 }
+
+#[test]
+fn points_beside_a_polygon_have_no_count() {
+    let mut grid = grid(false, None);
+    // A dart with a reflex corner, and corners on the border of the square.
+    let dart = [[0.0f32, 0.0], [1.0, 0.5], [0.0, 1.0], [0.4, 0.5]];
+    dispatch!(detect(), simd => grid.count(simd));
+    grid.keep_within(&dart);
+    let columns = grid.layout.columns;
+    let (mut kept, mut wrong) = (0, 0);
+    for r in grid.range() {
+        for column in 0..columns {
+            let [s, t] = grid.point([r, column]);
+            let inside = |low: f64, high: f64| t > low && t < high;
+            let (near, far) = (0.5 * s, 1.0 - 0.5 * s);
+            let hollow = s < 0.4 && inside(1.25 * s, 1.0 - 1.25 * s);
+            let expected = s > 0.0 && s < 1.0 && inside(near, far) && !hollow;
+            let at = r / LANES * (columns + 1) + column;
+            let found = grid.changes[at].0[r % LANES] != NOWHERE;
+            kept += usize::from(found);
+            wrong += usize::from(found != expected);
+        }
+    }
+    // Half of the square less a fifth of it; points on its sides are on one or the other.
+    let part = kept as f64 / grid.layout.points() as f64;
+    assert!(wrong <= 2 && (part - 0.3).abs() < 0.02, "{wrong} {part}");
+}
