@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 __all__ = [
     "SIDES",
     "Curves",
+    "Faces",
     "Look",
     "Mesh",
     "MeshLike",
     "Spheres",
+    "Vertices",
     "as_look",
     "as_matrix",
     "as_uv",
@@ -42,7 +44,7 @@ __all__ = [
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
-    " | PolyData | TriangleMesh"
+    " | PolyData | TriangleMesh | Mesh"
 )
 """What `Scene.add` takes."""
 
@@ -80,6 +82,12 @@ class TriangleMesh(Protocol):
 
 SIDES = (3, 64)
 """Flat sides that a curve's tube may have."""
+
+Vertices: TypeAlias = "npt.NDArray[np.float64]"
+"""Positions, shape (V, 3)."""
+
+Faces: TypeAlias = "npt.NDArray[np.int64]"
+"""Vertices of faces, shape (F, 3)."""
 
 Look: TypeAlias = "tuple[Triple, float, bool, bool]"
 """Albedo, opacity, whether it casts, whether it receives."""
@@ -242,6 +250,8 @@ def mesh_arrays(
             if str(error).startswith(str(mesh)):
                 raise
             raise ValueError(f"{mesh}: {error}") from None
+    if isinstance(mesh, Mesh):  # it cannot be changed
+        return mesh.vertices, mesh.faces
     arrays = from_trimesh(mesh) or _from_attributes(mesh)
     if arrays is not None:
         vertices, faces = arrays
