@@ -7,6 +7,8 @@
 //! house on a plain without end), origin and unit are those of this half, the *core*, and other local
 //! coordinates are large. What is not held even so is an error (`check`).
 
+mod spread;
+
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
@@ -90,6 +92,9 @@ const FLAT: f64 = 1e-6;
 /// Bins along an axis in which a core is looked for.
 const BINS: usize = 1024;
 
+/// Bins that a core is within: its radius on both sides of its middle, and a bin for where these begin.
+const WINDOW: usize = (BINS as f64 / (GAP * ROOM)) as usize + 2;
+
 /// Triangles that a task counts.
 const CHUNK: usize = 4096;
 
@@ -138,16 +143,6 @@ impl<'a> Solid<'a> {
         (center - radius, center + radius)
     }
 
-    /// Whether a triangle has no area to speak of.
-    fn is_flat(&self, i: usize) -> bool {
-        let Some([a, b, c]) = self.corners(i) else {
-            return false;
-        };
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let size = (high - low).max_element();
-        ((b - a) / size).cross((c - a) / size).length() <= FLAT
-    }
-
     /// Bounds of all.
     fn all(&self) -> (DVec3, DVec3) {
         if let Solid::Placed(.., bounds) = self {
@@ -180,7 +175,8 @@ fn power_above(x: f64) -> f64 {
 pub(crate) fn choose(low: DVec3, high: DVec3, solids: &[Solid]) -> Result<Frame> {
     let unit = power_above((0.5 * high - 0.5 * low).max_element());
     let whole = Frame::new(0.5 * low + 0.5 * high, unit);
-    if !may_have_core(&whole, solids) {
+    let placed = solids.iter().any(|s| matches!(s, Solid::Placed(..)));
+    if placed && spread::has_no_core(&whole, solids, WINDOW) || !may_have_core(&whole, solids) {
         return Ok(whole);
     }
     let count: usize = solids.iter().map(Solid::len).sum();
@@ -190,17 +186,24 @@ pub(crate) fn choose(low: DVec3, high: DVec3, solids: &[Solid]) -> Result<Frame>
     Ok(core(&whole, solids).unwrap_or(whole))
 }
 
-/// What each triangle or sphere weighs: the less the larger it is. A part of an entry that is much smaller than the
-/// entry weighs no more than its [`PARTS`]th part, or a speck would outweigh all else; what is no more than a point at
-/// the scene's scale, and what has no area, has no weight.
-fn weight(whole: &Frame, solid: &Solid, entry: f64, i: usize) -> f64 {
-    let (low, high) = solid.bounds(i);
+/// Bounds of a triangle or a sphere, and what it weighs: the less the larger it is. A part of an entry that is much
+/// smaller than the entry weighs no more than its [`PARTS`]th part, or a speck would outweigh all else; what is no more than a
+/// point at the scene's scale, and what has no area, has no weight.
+fn weighed(whole: &Frame, solid: &Solid, entry: f64, i: usize) -> (DVec3, DVec3, f64) {
+    let corners = solid.corners(i);
+    let (low, high) = match corners {
+        Some([a, b, c]) => (a.min(b).min(c), a.max(b).max(c)),
+        None => solid.bounds(i),
+    };
     let size = (high - low).max_element();
-    if size / whole.unit * LARGEST < 1.0 || solid.is_flat(i) {
+    // No area to speak of.
+    let is_flat = |[a, b, c]: [DVec3; 3]| ((b - a) / size).cross((c - a) / size).length() <= FLAT;
+    let weight = if size / whole.unit * LARGEST < 1.0 || corners.is_some_and(is_flat) {
         0.0
     } else {
         whole.unit / size.max(entry / PARTS)
-    }
+    };
+    (low, high, weight)
 }
 
 /// Into how many parts an entry may be divided for each to weigh more.
@@ -217,8 +220,7 @@ fn may_have_core(whole: &Frame, solids: &[Solid]) -> bool {
     let count = |(solid, size, range): &(&Solid, f64, std::ops::Range<usize>)| {
         let mut bins = vec![[0.0; 3]; BINS];
         for i in range.clone() {
-            let (low, high) = solid.bounds(i);
-            let weight = weight(whole, solid, *size, i);
+            let (low, high, weight) = weighed(whole, solid, *size, i);
             let middle = whole.to_local(0.5 * low + 0.5 * high);
             for axis in 0..3 {
                 let bin = (0.5 * (middle[axis] + 1.0) * BINS as f64) as usize;
@@ -237,13 +239,11 @@ fn may_have_core(whole: &Frame, solids: &[Solid]) -> bool {
             }
         }
     }
-    // Within the core's radius on both sides of its middle, and a bin for where these begin.
-    let width = (BINS as f64 / (GAP * ROOM)) as usize + 2;
     (0..3).all(|axis| {
         let all: f64 = sums.iter().map(|s| s[axis]).sum();
         let within = |window: &[[f64; 3]]| window.iter().map(|s| s[axis]).sum::<f64>();
         // A part in a million for the sums' rounding; what is all flat has no core.
-        all > 0.0 && sums.windows(width).any(|w| within(w) >= 0.499_999 * all)
+        all > 0.0 && sums.windows(WINDOW).any(|w| within(w) >= 0.499_999 * all)
     })
 }
 
@@ -253,8 +253,7 @@ fn core(whole: &Frame, solids: &[Solid]) -> Option<Frame> {
     for solid in solids {
         let size = solid.size();
         let of = |i: usize| {
-            let (low, high) = solid.bounds(i);
-            let weight = weight(whole, solid, size, i);
+            let (low, high, weight) = weighed(whole, solid, size, i);
             let half = 0.5 * (high - low).max_element();
             (0.5 * low + 0.5 * high, half, weight)
         };

@@ -271,12 +271,7 @@ fn spread(bits: u32) -> u64 {
 
 /// Segments that may enter one child's box.
 #[inline(always)]
-fn enter_together<S: Simd>(
-    simd: S,
-    node: &Node,
-    child: usize,
-    slabs: &Slabs,
-) -> u16 {
+fn enter_together<S: Simd>(simd: S, node: &Node, child: usize, slabs: &Slabs) -> u16 {
     let (mut near, mut far) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     for k in 0..3 {
         let inverse = slabs.inverse[k].load(simd);
@@ -300,12 +295,7 @@ pub(super) fn splat<S: Simd>(simd: S, row: &Row, lane: usize) -> f32x8<S> {
 
 /// Children whose boxes one segment may enter.
 #[inline(always)]
-fn enter_alone<S: Simd>(
-    simd: S,
-    node: &Node,
-    lane: usize,
-    slabs: &Slabs,
-) -> u32 {
+fn enter_alone<S: Simd>(simd: S, node: &Node, lane: usize, slabs: &Slabs) -> u32 {
     let (mut near, mut far) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
     for k in 0..3 {
         // A segment comes first to the side that its direction's sign tells.

@@ -99,7 +99,8 @@ impl Leaves for Flat<'_, '_> {
         let first = tree.firsts[leaf.place()] as usize;
         let faces = &self.bvh.faces[first..first + leaf.triangles()];
         let corners = &tree.packs[leaf.place()].corners;
-        self.painter.draw(simd, self.triangles, faces, corners, sink);
+        self.painter
+            .draw(simd, self.triangles, faces, corners, sink);
     }
 }
 
@@ -126,7 +127,14 @@ impl Leaves for Upper<'_, '_> {
                 painter: &mut *self.painter,
             };
             self.stack.clear();
-            walk(simd, &instance.tree.wide, &view, &mut leaves, self.stack, sink);
+            walk(
+                simd,
+                &instance.tree.wide,
+                &view,
+                &mut leaves,
+                self.stack,
+                sink,
+            );
         }
     }
 }
@@ -143,7 +151,8 @@ impl Leaves for Lower<'_, '_> {
     fn draw<S: Simd>(&mut self, simd: S, leaf: Child, sink: &mut Nearest) {
         let faces = self.instance.tree.faces(leaf);
         let corners = pack(simd, self.instance, leaf).corners;
-        self.painter.draw(simd, self.triangles, faces, &corners, sink);
+        self.painter
+            .draw(simd, self.triangles, faces, &corners, sink);
     }
 }
 

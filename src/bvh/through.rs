@@ -166,9 +166,7 @@ pub(super) fn meet_leaf<S: Simd, const AXIS: usize>(
         let passing = Passing::new(corners, splat(simd, &segments.length, lane), all);
         let mut hit = passing.hit;
         if passing.unsure != 0 {
-            hit |= exactly(passing.unsure, |k| {
-                crosses(pack, k, segments.packet, lane)
-            });
+            hit |= exactly(passing.unsure, |k| crosses(pack, k, segments.packet, lane));
         }
         while hit != 0 {
             let k = hit.trailing_zeros() as usize;

@@ -12,8 +12,8 @@ use super::run::step;
 use crate::error::{Error, Result};
 use crate::geometry::entry::Material;
 use crate::light::Light;
-use crate::scene::{Instances, Scene};
 use crate::scene::snapshot::Snapshot;
+use crate::scene::{Instances, Scene};
 
 /// A scene behind a lock, so that Python threads can share it.
 #[pyclass(name = "Scene", module = "softshadow._core", frozen)]

@@ -4,8 +4,8 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::around_lights::for_lights;
-use super::snapshot::Snapshot;
 use super::bytes_to_build;
+use super::snapshot::Snapshot;
 use crate::error::Result;
 use crate::frame::Frame;
 use crate::geometry::entry::{Body, Entry};

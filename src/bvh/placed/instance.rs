@@ -53,7 +53,9 @@ impl MeshTree {
         let union = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
         let (low, high) = faces.par_iter().map(of).reduce(|| none, union);
         let middle = 0.5 * low + 0.5 * high;
-        let half = (0.5 * high - 0.5 * low).max_element().max(f64::MIN_POSITIVE);
+        let half = (0.5 * high - 0.5 * low)
+            .max_element()
+            .max(f64::MIN_POSITIVE);
         let own = |p: DVec3| ((p - middle) / half).as_vec3();
         // One ulp outwards covers the rounding.
         let bounds = |f: &[u32; 3]| {
@@ -165,7 +167,11 @@ impl Instance {
         let mut farthest = 1.0f32;
         for row in own.origins() {
             for (lane, x) in row.0.iter().enumerate() {
-                let x = if active >> lane & 1 == 1 { x.abs() } else { 0.0 };
+                let x = if active >> lane & 1 == 1 {
+                    x.abs()
+                } else {
+                    0.0
+                };
                 farthest = farthest.max(x);
             }
         }

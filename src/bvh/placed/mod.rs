@@ -126,7 +126,10 @@ impl Placed {
             return;
         }
         stack.packs.enter(self.id);
-        stack.crossed.iter_mut().for_each(super::crossed::Crossed::clear);
+        stack
+            .crossed
+            .iter_mut()
+            .for_each(super::crossed::Crossed::clear);
         traverse::pass(detect(), &self.transparent, packet, active, stack);
         for (lane, out) in out.iter_mut().enumerate() {
             if active >> lane & 1 == 1 {
@@ -138,9 +141,10 @@ impl Placed {
     /// Bytes of both levels, without the meshes themselves.
     pub(super) fn bytes(&self) -> usize {
         let meshes = self.meshes.iter().map(|m| m.bytes());
-        let sets = self.sets().into_iter().map(|set| {
-            set.tree.bytes() + size_of_val(&set.instances[..])
-        });
+        let sets = self
+            .sets()
+            .into_iter()
+            .map(|set| set.tree.bytes() + size_of_val(&set.instances[..]));
         meshes.chain(sets).sum()
     }
 }

@@ -38,12 +38,7 @@ impl Packs {
 
     /// The triangles of an instance's leaf.
     #[inline(always)]
-    pub(super) fn get<S: Simd>(
-        &mut self,
-        simd: S,
-        instance: &Instance,
-        leaf: Child,
-    ) -> &Pack {
+    pub(super) fn get<S: Simd>(&mut self, simd: S, instance: &Instance, leaf: Child) -> &Pack {
         // No other instance has it.
         let number = u64::from(instance.first_face);
         let key = number << 32 | leaf.place() as u64;
@@ -80,7 +75,8 @@ pub(in super::super) fn pack<S: Simd>(simd: S, instance: &Instance, leaf: Child)
         let y = f64x8::load_array_ref(simd, y);
         let z = f64x8::load_array_ref(simd, z);
         for (axis, to) in to.iter_mut().enumerate() {
-            let turned = x * matrix.x_axis[axis] + y * matrix.y_axis[axis] + z * matrix.z_axis[axis];
+            let turned =
+                x * matrix.x_axis[axis] + y * matrix.y_axis[axis] + z * matrix.z_axis[axis];
             let world = turned + translation[axis];
             let local = (world - placement.origin[axis]) * placement.scale;
             let mut rounded = [0.0; WIDTH];

@@ -58,7 +58,10 @@ fn transforms(random: &mut Random) -> Vec<DAffine3> {
     ] {
         let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.8, 1.0, 0.0), DVec3::Z);
         let matrix = turn(random) * shear * DMat3::from_diagonal(scale);
-        all.push(DAffine3::from_mat3_translation(matrix, 3.0 * random.point()));
+        all.push(DAffine3::from_mat3_translation(
+            matrix,
+            3.0 * random.point(),
+        ));
     }
     all
 }
@@ -112,11 +115,14 @@ fn corners_numbers_and_frames_are_those_of_one_list_to_the_bit() {
             for instance in &set.instances {
                 let tree = &instance.tree;
                 let leaves = tree.wide.nodes.iter().flat_map(|node| {
-                    node.child[..node.count as usize].iter().filter(|c| c.is_leaf())
+                    node.child[..node.count as usize]
+                        .iter()
+                        .filter(|c| c.is_leaf())
                 });
                 for &leaf in leaves {
                     for (_, level) in levels() {
-                        let found = fearless_simd::dispatch!(level, simd => pack(simd, instance, leaf));
+                        let found =
+                            fearless_simd::dispatch!(level, simd => pack(simd, instance, leaf));
                         for (k, face) in tree.faces(leaf).iter().enumerate() {
                             let expected = flat.corners(instance.first_face + face);
                             assert_eq!(found.triangle(k), expected);
@@ -167,7 +173,11 @@ fn segments_pass_what_they_pass_in_one_list() {
                 two.transmittance(&packet, active, &mut stack, &mut found);
                 assert_eq!(found, expected, "round {round}");
                 for t in expected {
-                    hits[if t == 0.0 { 0 } else { 1 + usize::from(t < 1.0) }] += 1;
+                    hits[if t == 0.0 {
+                        0
+                    } else {
+                        1 + usize::from(t < 1.0)
+                    }] += 1;
                 }
             }
         }
@@ -203,7 +213,11 @@ fn a_camera_sees_what_it_sees_of_one_list() {
             count += expected.inverse_depth.iter().filter(|d| **d > 0.0).count();
         }
         assert!(count > 100, "{count}");
-        let at = |s: &Snapshot| from_camera(s, Some(s.occluders()), &camera, &control).unwrap().1;
+        let at = |s: &Snapshot| {
+            from_camera(s, Some(s.occluders()), &camera, &control)
+                .unwrap()
+                .1
+        };
         let (one, two) = (at(&flat), at(&placed));
         assert_eq!((one.positions, one.faces), (two.positions, two.faces));
     }
