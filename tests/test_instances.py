@@ -48,17 +48,18 @@ def _placed(at=(0, 0, 0.5), turn=0.0, scale=(1, 1, 1), shear=0.0):
 
 # Cases of their own: mirrored in one axis and in all, sheared, flat, the same place twice, through
 # one another, small and large.
+LEFT, RIGHT, TURNED = (-0.6, 0, 0.5), (0.6, 0, 0.5), {"turn": 0.7}
 KINDS = {
-    "plain": [_placed((-0.6, 0, 0.5)), _placed((0.6, 0.3, 0.5), 1.0)],
-    "mirrored": [_placed((-0.6, 0, 0.5), 0.4, (-1, 1, 1)), _placed((0.6, 0, 0.5), 2.0, (-1, -1, -1))],
-    "sheared": [_placed((-0.6, 0, 0.5), 0.4, shear=0.9), _placed((0.6, 0, 0.5), 2.0, (2, 0.5, 1), -1)],
-    "flat": [_placed((-0.6, 0, 0.5), 0.4, (1, 1, 1e-9)), _placed((0.6, 0, 0.5), 2.0, (1e-4, 1, 1))],
-    "same place": [_placed(turn=0.7), _placed(turn=0.7), _placed(turn=0.7, scale=(-1, 1, 1))],
-    "overlapping": [_placed((-0.1, 0, 0.5)), _placed((0.1, 0, 0.5), 1.0), _placed((0, 0.1, 0.4), 2)],
+    "plain": [_placed(LEFT), _placed((0.6, 0.3, 0.5), 1.0)],
+    "mirrored": [_placed(LEFT, 0.4, (-1, 1, 1)), _placed(RIGHT, 2.0, (-1, -1, -1))],
+    "sheared": [_placed(LEFT, 0.4, shear=0.9), _placed(RIGHT, 2.0, (2, 0.5, 1), -1)],
+    "flat": [_placed(LEFT, 0.4, (1, 1, 1e-9)), _placed(RIGHT, 2.0, (1e-4, 1, 1))],
+    "same place": [_placed(**TURNED), _placed(**TURNED), _placed(**TURNED, scale=(-1, 1, 1))],
+    "overlapping": [_placed((k / 9, k / 7, 0.5 - k / 9), k) for k in (0, 1, 2)],
     "on the ground": [_placed((-0.4, 0, 0), 0.3), _placed((0.5, 0, 0), 0.3, (1, 1, -1))],
-    "small": [_placed((0, 0, 0.5)), _placed((0.02, -0.7, 0.2), 1.0, (1e-3, 1e-3, 1e-3))],
-    "large": [_placed((0, 0, 0.5)), _placed((0, 900, -480), 1.0, (1e3, 1e3, 1e3))],
-}  # fmt: skip
+    "small": [_placed(), _placed((0.02, -0.7, 0.2), 1.0, (1e-3, 1e-3, 1e-3))],
+    "large": [_placed(), _placed((0, 900, -480), 1.0, (1e3, 1e3, 1e3))],
+}
 
 
 def _scene(kind, instances, looks=({},)):
@@ -86,6 +87,7 @@ def test_the_bits_are_those_of_one_list(kind, method):
         for side in ("always", "never")
     )
     _assert_same(two, one)
+    assert two.bytes < one.bytes, "a tree a mesh"
     shown = np.unique(one.mesh_id)
     assert len(shown) >= 2
     assert 0.02 < 1 - one.visibility.mean() < 0.98
@@ -136,7 +138,9 @@ def test_threads_and_scales_by_powers_of_two_change_no_bit():
             grown = np.diag([scale] * 3 + [1.0]) @ e.transform
             scene.add(e, e.name, opacity=e.opacity, transform=grown)
         eye, target = scale * CAMERA.eye, scale * np.array((0, 0, 0.3))
-        light = ss.RectLight(*(scale * np.array(x) for x in (LIGHT.center, LIGHT.edge_u, LIGHT.edge_v)))
+        light = ss.RectLight(
+            *(scale * np.array(x) for x in (LIGHT.center, LIGHT.edge_u, LIGHT.edge_v))
+        )
         camera = ss.Camera(eye, target, width=40, height=30)
         return ss.render(scene, camera, light, ss.RayTraced(samples=8)).visibility.tobytes()
 
@@ -239,7 +243,7 @@ def test_what_flattens_a_mesh_is_refused_and_leaves_nothing():
         same = ss.Scene(side)
         for m in scene.meshes:
             same.add(m, m.name, transform=m.transform)
-        with pytest.raises(ss.SceneError, match='mesh "b".*single precision') as error:
+        with pytest.raises(ss.SceneError, match=r'mesh "b".*single precision') as error:
             ss.render(same, CAMERA, LIGHT, "hard")
         errors.add(str(error.value))
     assert len(errors) == 1

@@ -102,11 +102,8 @@ class SharedMeshes:
         """Take a mesh in that was added."""
         arrays = (id(entry.vertices), id(entry.faces))
         same = self._by_arrays.setdefault(arrays, {})
-        known = next(iter(same), None)
-        if known is not None:
-            key = self._contents[known]
-        else:
-            key = _contents(entry.vertices, entry.faces)
+        known = next(iter(same.values()), None)
+        key = self._contents[known.name] if known else _contents(entry.vertices, entry.faces)
         same[entry.name] = entry
         self._contents[entry.name] = key
         self._by_contents.setdefault(key, {})[entry.name] = entry

@@ -135,7 +135,7 @@ class Scene(Listing):
 
     @property
     def instances(self) -> str:
-        """When meshes that several entries share stay instances: ``"auto"``, ``"always"`` or ``"never"``."""
+        """When meshes that entries share stay instances: ``auto``, ``always`` or ``never``."""
         return self._instances
 
     def add(
@@ -552,16 +552,17 @@ class Scene(Listing):
 def scene_of(entries: tuple[Mesh | Spheres, ...], instances: str = "auto") -> Scene:
     """Return a scene of its own with these entries."""
     scene = Scene(instances)
-    # The first entry with these arrays, which the others are instances of.
-    first: dict[tuple[int, int], str] = {}
+    # The first entry with some arrays, which the others are instances of.
+    first: dict[tuple[int, int], Mesh] = {}
     for e in entries:
         look = (e.name, e.albedo, e.opacity, e.casts, e.receives)
         if isinstance(e, Curves):
             curves = (e.points, e.offsets, e.radii, e.opacity)
             scene.add_curves(*curves, e.name, e.albedo, e.casts, e.receives, e.sides)
         elif isinstance(e, Mesh):
-            like = first.setdefault((id(e.vertices), id(e.faces)), e.name)
-            scene.add(scene[like] if like in scene else e, *look, uv=e.uv)  # type: ignore[arg-type]
+            arrays = id(e.vertices), id(e.faces)
+            scene.add(first.get(arrays, e), *look, uv=e.uv)
+            first.setdefault(arrays, mesh_of(scene, e.name))
         else:
             scene.add_spheres(e.centers, e.radii, *look)
         if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):

@@ -22,6 +22,7 @@ mod crossed;
 pub mod crossing;
 pub mod edge_faces;
 pub(crate) mod grown;
+mod kept;
 pub mod outline;
 pub mod packet;
 pub mod placed;

@@ -18,7 +18,7 @@ use glam::Vec3;
 use robust::{Coord3D, orient3d};
 
 use super::crossed::Crossed;
-use super::placed::Packs;
+use super::kept::KeptPacks;
 use crate::simd::{LANES, Lanes, Row};
 
 /// By how much boxes are widened, times the largest coordinate. A sheared vertex is off by up to 6
@@ -50,7 +50,7 @@ pub struct Stack {
     /// Of two levels: nodes of the upper one, segments in a mesh's own coordinates, and triangles in the scene's.
     pub(super) upper: Vec<u32>,
     pub(super) own: Packet,
-    pub(super) packs: Packs,
+    pub(super) packs: KeptPacks,
 }
 
 impl Stack {

@@ -85,6 +85,6 @@ def forest(
             assert isinstance(its, Mesh)
             shape = scene[f"{part} 1"] if i else its
             look = its.albedo, its.opacity
-            scene.add(shape, f"{part} {i + 1}", *look, transform=placed)  # type: ignore[arg-type]
+            scene.add(shape, f"{part} {i + 1}", *look, transform=placed)
     camera = Camera((0.2, -2.6, 0.75), (0.0, -0.9, 0.0), (0, 0, 1), 38.0, width, height)
     return Setup(scene, camera, light_towards(light, (-2.5, -1.2, 3.0), light_size, (0, 0, 0)))

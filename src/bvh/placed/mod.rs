@@ -2,7 +2,7 @@
 //!
 //! - this file: [`Placed`], all instances of a scene by what they do to light, and one tree a mesh;
 //! - `instance`: a mesh's tree in its own coordinates, and where an instance has it in the scene;
-//! - `packs`: triangles of leaves in the scene's coordinates, the last ones kept;
+//! - `packs`: triangles of leaves in the scene's coordinates;
 //! - `traverse`: sixteen segments through both levels.
 //!
 //! Only boxes are met in a mesh's own coordinates: segments are taken there, and boxes widened by more than all rounding on
@@ -29,7 +29,7 @@ use crate::mesh::TriMesh;
 use crate::simd::{LANES, detect};
 pub(super) use instance::Instance;
 use instance::MeshTree;
-pub(super) use packs::{Packs, pack};
+pub(super) use packs::pack;
 
 /// Instances that treat light alike, and the tree over their bounds.
 #[derive(Debug, Clone, Default)]

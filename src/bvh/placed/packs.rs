@@ -1,55 +1,25 @@
-//! Triangles of leaves in the scene's coordinates, made when a segment meets them, and the last ones kept.
+//! Triangles of leaves in the scene's coordinates, made when a segment meets them.
 
 use fearless_simd::{Simd, f64x8, prelude::*};
 
+use super::super::kept::KeptPacks;
 use super::super::wide::{Child, Pack, WIDTH};
 use super::Instance;
 
-/// Packs that a thread keeps, a power of two: a part of the second cache.
-const KEPT: usize = 1024;
-
-/// No leaf.
-const NONE: u64 = u64::MAX;
-
-/// The packs that a thread has met last, each at a place that its leaf's number tells. What is kept saves work and
-/// changes no answer.
-#[derive(Debug, Clone, Default)]
-pub(in super::super) struct Packs {
-    /// The scene that they are of.
-    of: u64,
-    leaves: Vec<u64>,
-    packs: Vec<Pack>,
-    /// Instance and leaf that blocked a segment last, where one did.
-    pub(super) blocker: Option<(u32, u32)>,
-}
-
-impl Packs {
-    /// Begins with a scene.
-    #[inline]
-    pub(super) fn enter(&mut self, scene: u64) {
-        if self.of != scene {
-            self.of = scene;
-            self.blocker = None;
-            self.leaves.clear();
-            self.leaves.resize(KEPT, NONE);
-            self.packs.resize(KEPT, Pack::new(&[]));
-        }
+/// The triangles of an instance's leaf, from those that are kept if they are there.
+#[inline(always)]
+pub(super) fn kept<'a, S: Simd>(
+    simd: S,
+    packs: &'a mut KeptPacks,
+    instance: &Instance,
+    leaf: Child,
+) -> &'a Pack {
+    // No other instance has the number of its first triangle.
+    let (kept, known) = packs.find(instance.first_face, leaf.place());
+    if !known {
+        *kept = pack(simd, instance, leaf);
     }
-
-    /// The triangles of an instance's leaf.
-    #[inline(always)]
-    pub(super) fn get<S: Simd>(&mut self, simd: S, instance: &Instance, leaf: Child) -> &Pack {
-        // No other instance has it.
-        let number = u64::from(instance.first_face);
-        let key = number << 32 | leaf.place() as u64;
-        // Neighbours among leaves and among instances have different places.
-        let place = (key ^ (number.wrapping_mul(0x9e37_79b9) >> 8)) as usize % KEPT;
-        if self.leaves[place] != key {
-            self.leaves[place] = key;
-            self.packs[place] = pack(simd, instance, leaf);
-        }
-        &self.packs[place]
-    }
+    kept
 }
 
 /// Corners of a leaf's triangles in local coordinates: the operations of

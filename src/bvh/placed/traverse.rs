@@ -4,10 +4,12 @@ use fearless_simd::{Simd, dispatch};
 
 use super::super::any_hit::{self, Segments, descend};
 use super::super::crossed::Crossed;
+use super::super::kept::KeptPacks;
 use super::super::packet::{Packet, Stack, longest_axes};
 use super::super::through;
 use super::super::wide::{Child, Pack, WIDTH};
-use super::{Packs, Set};
+use super::Set;
+use super::packs::kept;
 use crate::simd::{LANES, Level};
 
 /// What is asked of the leaves that segments come to.
@@ -60,7 +62,7 @@ impl Meet for Count<'_> {
 struct Room<'a> {
     upper: &'a mut Vec<u32>,
     lower: &'a mut Vec<u32>,
-    packs: &'a mut Packs,
+    packs: &'a mut KeptPacks,
     own: &'a mut Packet,
 }
 
@@ -137,7 +139,7 @@ fn traverse<S: Simd, M: Meet, const AXIS: usize>(
     if let Some((number, leaf)) = room.packs.blocker {
         let instance = &set.instances[number as usize];
         let leaf = Child::from_word(leaf);
-        let pack = room.packs.get(simd, instance, leaf);
+        let pack = kept(simd, room.packs, instance, leaf);
         let leaf = (pack, leaf.triangles(), instance.through);
         found = meet.leaf(simd, leaf, &segments, active);
         if found == active {
@@ -200,7 +202,7 @@ fn inside<S: Simd, M: Meet, const AXIS: usize>(
     let (mut child, mut mask) = (Child::ROOT, active);
     loop {
         if child.is_leaf() {
-            let pack = room.packs.get(simd, instance, child);
+            let pack = kept(simd, room.packs, instance, child);
             let leaf = (pack, child.triangles(), instance.through);
             let hit = meet.leaf(simd, leaf, segments, mask);
             if hit != 0 {
