@@ -1,4 +1,4 @@
-"""Draw the pictures of `docs/concepts.md` and of how-to pages: `python docs/figures.py`, from the repository's root.
+"""Draw the pictures of `docs/concepts.md` and how-to pages: `python docs/figures.py` at the root.
 
 They are committed; run this when a picture should change. It needs `softshadow[plot]` and the
 packages of `requirements-models.txt`.

@@ -282,8 +282,8 @@ def test_beyond_the_limit_two_levels_or_an_error_that_says_why():
         with pytest.raises(ss.UnsupportedError, match=why) as error:
             ss.render(scene, camera, LIGHT, method)
         assert method in str(error.value) or method in ("pcf",)
-    # What is stored once for each entry is no repetition, however much it is.
-    assert ss.Scene().instances == "auto"
+    chosen = ss.Auto(error=0.1).render(scene, camera, LIGHT)
+    assert {step.method.name for step in chosen.choice} == {"ray_traced"}
 
 
 def test_a_forest_of_a_hundred_million_triangles_takes_little_memory():
