@@ -168,6 +168,10 @@ def test_a_mesh_that_is_added_again_is_stored_once():
         first = same["a"].vertices
         assert [m.vertices is first for m in same.meshes] == [True] * 4 + [False] * 2
         assert same["d"].transform.tolist() == scene["d"].transform.tolist()
+    # Also before they are a scene's, in another process.
+    entries = pickle.loads(pickle.dumps(scene.entries))
+    assert entries[3].vertices is entries[0].vertices
+    assert entries[3].vertices is not scene["a"].vertices
     curves = ([(0, 0, 0), (0, 0, 1)], [0, 2], 0.01)
     scene.add_curves(*curves, name="hair")
     scene.add_curves(*curves, name="hair again")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -104,8 +105,22 @@ class _Entry:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():
-            kept = checks.frozen(value) if isinstance(value, np.ndarray) else value
+            kept = _frozen_once(value) if isinstance(value, np.ndarray) else value
             object.__setattr__(self, name, kept)
+
+
+_FROZEN: dict[int, tuple[weakref.ref[Any], npt.NDArray[Any]]] = {}
+"""Arrays that are being unpickled, by their ids, and what is kept of each."""
+
+
+def _frozen_once(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a frozen copy, the same for entries that share the array, as instances do."""
+    key = id(array)
+    source, kept = _FROZEN.get(key, (None, None))
+    if source is None or kept is None or source() is not array:
+        kept = checks.frozen(array)
+        _FROZEN[key] = weakref.ref(array, lambda _: _FROZEN.pop(key, None)), kept
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
