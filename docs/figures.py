@@ -1,4 +1,4 @@
-"""Draw the pictures of `docs/concepts.md`: `python docs/figures.py`, from the repository's root.
+"""Draw the pictures of `docs/concepts.md` and how-to pages: `python docs/figures.py` at the root.
 
 They are committed; run this when a picture should change. It needs `softshadow[plot]` and the
 packages of `requirements-models.txt`.
@@ -194,11 +194,25 @@ def errors() -> Figure:
     return ss.plot.strip(result)
 
 
+def forest() -> Figure:
+    """Draw a forest of instances and its visibility."""
+    setup = ss.scenes.forest(560, 400)
+    image = ss.render(setup.scene, setup.camera, setup.light, ss.RayTraced(samples=64))
+    figure = Figure(figsize=(10.4, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    bright = image.radiance / np.percentile(image.radiance[image.mask], 99)
+    left.imshow(np.where(image.mask[..., None], np.clip(bright, 0, 1) ** (1 / 2.2), 1))
+    right.imshow(np.where(image.mask, image.visibility, 1), cmap="gray", vmin=0, vmax=1)
+    bare(left, f"radiance: {setup.scene.triangle_count:,} triangles")
+    bare(right, "visibility")
+    return figure
+
+
 def main() -> None:
     """Write all pictures."""
     FOLDER.mkdir(exist_ok=True)
     mpl.rcParams["font.size"] = 9
-    for draw in (visibility, lights, roles, silhouettes, maps, wedge_footprints, errors):
+    for draw in (visibility, lights, roles, silhouettes, maps, wedge_footprints, errors, forest):
         path = FOLDER / f"{draw.__name__}.png"
         draw().savefig(path, dpi=110)
         print(path, path.stat().st_size)

@@ -7,10 +7,13 @@
 //! house on a plain without end), origin and unit are those of this half, the *core*, and other local
 //! coordinates are large. What is not held even so is an error (`check`).
 
-use glam::DVec3;
+mod spread;
+
+use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::memory;
 
 /// The map between world and local coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,14 +92,22 @@ const FLAT: f64 = 1e-6;
 /// Bins along an axis in which a core is looked for.
 const BINS: usize = 1024;
 
+/// Bins that a core is within: its radius on both sides of its middle, and a bin for where these begin.
+const WINDOW: usize = (BINS as f64 / (GAP * ROOM)) as usize + 2;
+
 /// Triangles that a task counts.
 const CHUNK: usize = 4096;
+
+/// Tasks whose bins, 24 kB each, are kept at the same time.
+const COUNTED: usize = 512;
 
 /// Triangles of a mesh in world coordinates, or spheres.
 #[derive(Clone, Copy)]
 pub(crate) enum Solid<'a> {
     /// Vertices and faces.
     Mesh(&'a [DVec3], &'a [[u32; 3]]),
+    /// Vertices and faces of an instance in object space, where it is placed, and its bounds there.
+    Placed(&'a [DVec3], &'a [[u32; 3]], DAffine3, (DVec3, DVec3)),
     /// Centres and radii.
     Spheres(&'a [(DVec3, f64)]),
 }
@@ -104,38 +115,39 @@ pub(crate) enum Solid<'a> {
 impl<'a> Solid<'a> {
     fn len(&self) -> usize {
         match self {
-            Solid::Mesh(_, faces) => faces.len(),
+            Solid::Mesh(_, faces) | Solid::Placed(_, faces, ..) => faces.len(),
             Solid::Spheres(spheres) => spheres.len(),
+        }
+    }
+
+    /// Corners of a triangle; spheres have none.
+    fn corners(&self, i: usize) -> Option<[DVec3; 3]> {
+        match self {
+            Solid::Mesh(vertices, faces) => Some(faces[i].map(|v| vertices[v as usize])),
+            Solid::Placed(vertices, faces, transform, _) => {
+                Some(faces[i].map(|v| transform.transform_point3(vertices[v as usize])))
+            }
+            Solid::Spheres(_) => None,
         }
     }
 
     /// Bounds of a triangle or a sphere.
     fn bounds(&self, i: usize) -> (DVec3, DVec3) {
-        match self {
-            Solid::Mesh(vertices, faces) => {
-                let [a, b, c] = faces[i].map(|v| vertices[v as usize]);
-                (a.min(b).min(c), a.max(b).max(c))
-            }
-            Solid::Spheres(spheres) => {
-                let (center, radius) = spheres[i];
-                (center - radius, center + radius)
-            }
+        if let Some([a, b, c]) = self.corners(i) {
+            return (a.min(b).min(c), a.max(b).max(c));
         }
-    }
-
-    /// Whether a triangle has no area to speak of.
-    fn is_flat(&self, i: usize) -> bool {
-        let Solid::Mesh(vertices, faces) = self else {
-            return false;
+        let Solid::Spheres(spheres) = self else {
+            return (DVec3::INFINITY, DVec3::NEG_INFINITY);
         };
-        let [a, b, c] = faces[i].map(|v| vertices[v as usize]);
-        let (low, high) = self.bounds(i);
-        let size = (high - low).max_element();
-        ((b - a) / size).cross((c - a) / size).length() <= FLAT
+        let (center, radius) = spheres[i];
+        (center - radius, center + radius)
     }
 
     /// Bounds of all.
     fn all(&self) -> (DVec3, DVec3) {
+        if let Solid::Placed(.., bounds) = self {
+            return *bounds;
+        }
         let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let union = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
         let all = (0..self.len()).into_par_iter().map(|i| self.bounds(i));
@@ -157,26 +169,41 @@ fn power_above(x: f64) -> f64 {
 }
 
 /// The frame of a scene within `low` and `high`.
-pub(crate) fn choose(low: DVec3, high: DVec3, solids: &[Solid]) -> Frame {
+///
+/// # Errors
+/// More triangles than there is memory to look for a core among.
+pub(crate) fn choose(low: DVec3, high: DVec3, solids: &[Solid]) -> Result<Frame> {
     let unit = power_above((0.5 * high - 0.5 * low).max_element());
     let whole = Frame::new(0.5 * low + 0.5 * high, unit);
-    if !may_have_core(&whole, solids) {
-        return whole;
+    let placed = solids.iter().any(|s| matches!(s, Solid::Placed(..)));
+    if placed && spread::has_no_core(&whole, solids, WINDOW) || !may_have_core(&whole, solids) {
+        return Ok(whole);
     }
-    core(&whole, solids).unwrap_or(whole)
+    let count: usize = solids.iter().map(Solid::len).sum();
+    let bytes = count * size_of::<(DVec3, f64, f64)>();
+    let what = || "scene: finding where most of it is, which is far smaller than all of it,".into();
+    memory::check(what, bytes)?;
+    Ok(core(&whole, solids).unwrap_or(whole))
 }
 
-/// What each triangle or sphere weighs: the less the larger it is. A part of an entry that is much smaller than the
-/// entry weighs no more than its [`PARTS`]th part, or a speck would outweigh all else; what is no more than a point at
-/// the scene's scale, and what has no area, has no weight.
-fn weight(whole: &Frame, solid: &Solid, entry: f64, i: usize) -> f64 {
-    let (low, high) = solid.bounds(i);
+/// Bounds of a triangle or a sphere, and what it weighs: the less the larger it is. A part of an entry that is much
+/// smaller than the entry weighs no more than its [`PARTS`]th part, or a speck would outweigh all else; what is no more than a
+/// point at the scene's scale, and what has no area, has no weight.
+fn weighed(whole: &Frame, solid: &Solid, entry: f64, i: usize) -> (DVec3, DVec3, f64) {
+    let corners = solid.corners(i);
+    let (low, high) = match corners {
+        Some([a, b, c]) => (a.min(b).min(c), a.max(b).max(c)),
+        None => solid.bounds(i),
+    };
     let size = (high - low).max_element();
-    if size / whole.unit * LARGEST < 1.0 || solid.is_flat(i) {
+    // No area to speak of.
+    let is_flat = |[a, b, c]: [DVec3; 3]| ((b - a) / size).cross((c - a) / size).length() <= FLAT;
+    let weight = if size / whole.unit * LARGEST < 1.0 || corners.is_some_and(is_flat) {
         0.0
     } else {
         whole.unit / size.max(entry / PARTS)
-    }
+    };
+    (low, high, weight)
 }
 
 /// Into how many parts an entry may be divided for each to weigh more.
@@ -190,36 +217,33 @@ fn may_have_core(whole: &Frame, solids: &[Solid]) -> bool {
         starts.map(move |start| (solid, size, start..(start + CHUNK).min(solid.len())))
     });
     let parts: Vec<_> = parts.collect();
-    let counted: Vec<Vec<[f64; 3]>> = parts
-        .into_par_iter()
-        .map(|(solid, size, range)| {
-            let mut bins = vec![[0.0; 3]; BINS];
-            for i in range {
-                let (low, high) = solid.bounds(i);
-                let weight = weight(whole, solid, size, i);
-                let middle = whole.to_local(0.5 * low + 0.5 * high);
-                for axis in 0..3 {
-                    let bin = (0.5 * (middle[axis] + 1.0) * BINS as f64) as usize;
-                    bins[bin.min(BINS - 1)][axis] += weight;
-                }
+    let count = |(solid, size, range): &(&Solid, f64, std::ops::Range<usize>)| {
+        let mut bins = vec![[0.0; 3]; BINS];
+        for i in range.clone() {
+            let (low, high, weight) = weighed(whole, solid, *size, i);
+            let middle = whole.to_local(0.5 * low + 0.5 * high);
+            for axis in 0..3 {
+                let bin = (0.5 * (middle[axis] + 1.0) * BINS as f64) as usize;
+                bins[bin.min(BINS - 1)][axis] += weight;
             }
-            bins
-        })
-        .collect();
-    // In this order whatever the number of threads.
+        }
+        bins
+    };
     let mut sums = vec![[0.0; 3]; BINS];
-    for bins in &counted {
-        for (sum, bin) in sums.iter_mut().zip(bins) {
-            (0..3).for_each(|axis| sum[axis] += bin[axis]);
+    for parts in parts.chunks(COUNTED) {
+        let counted: Vec<Vec<[f64; 3]>> = parts.par_iter().map(count).collect();
+        // In this order whatever the number of threads.
+        for bins in &counted {
+            for (sum, bin) in sums.iter_mut().zip(bins) {
+                (0..3).for_each(|axis| sum[axis] += bin[axis]);
+            }
         }
     }
-    // Within the core's radius on both sides of its middle, and a bin for where these begin.
-    let width = (BINS as f64 / (GAP * ROOM)) as usize + 2;
     (0..3).all(|axis| {
         let all: f64 = sums.iter().map(|s| s[axis]).sum();
         let within = |window: &[[f64; 3]]| window.iter().map(|s| s[axis]).sum::<f64>();
         // A part in a million for the sums' rounding; what is all flat has no core.
-        all > 0.0 && sums.windows(width).any(|w| within(w) >= 0.499_999 * all)
+        all > 0.0 && sums.windows(WINDOW).any(|w| within(w) >= 0.499_999 * all)
     })
 }
 
@@ -229,8 +253,7 @@ fn core(whole: &Frame, solids: &[Solid]) -> Option<Frame> {
     for solid in solids {
         let size = solid.size();
         let of = |i: usize| {
-            let (low, high) = solid.bounds(i);
-            let weight = weight(whole, solid, size, i);
+            let (low, high, weight) = weighed(whole, solid, size, i);
             let half = 0.5 * (high - low).max_element();
             (0.5 * low + 0.5 * high, half, weight)
         };
@@ -280,17 +303,16 @@ pub(crate) fn check(
         let far = local(low).abs().max(local(high).abs()).max_element();
         // At most half an ulp; most are far better, and then nothing is to be looked at.
         if far * f64::from(f32::EPSILON) > MOVED * size {
-            let most = match solid {
-                Solid::Mesh(vertices, faces) => {
-                    let of = |f: &[u32; 3]| {
-                        let d = f.map(|v| moved(vertices[v as usize]).abs().max_element());
-                        d[0].max(d[1]).max(d[2])
-                    };
-                    faces.par_iter().map(of).reduce(|| 0.0, f64::max)
-                }
-                // In f64.
-                Solid::Spheres(_) => 0.0,
+            // Spheres are in f64.
+            let of = |i: usize| {
+                let d = solid.corners(i);
+                d.map_or(0.0, |d| {
+                    let d = d.map(|v| moved(v).abs().max_element());
+                    d[0].max(d[1]).max(d[2])
+                })
             };
+            let most = (0..solid.len()).into_par_iter().map(of);
+            let most = most.reduce(|| 0.0, f64::max);
             if most > MOVED * size && size > 0.0 {
                 let reason = format!(
                     "at {:.3e} from where most of the scene is, single precision moves its vertices by \
@@ -302,12 +324,14 @@ pub(crate) fn check(
                 return Err(Error::scene(name(entry), reason));
             }
         }
-        let (Solid::Mesh(vertices, faces), true) = (solid, frame.is_core) else {
+        if !frame.is_core {
             continue;
-        };
-        let of = |f: &[u32; 3]| {
-            let corners = f.map(|v| local(vertices[v as usize]));
-            let [a, b, c] = corners;
+        }
+        let of = |i: usize| {
+            let Some(world) = solid.corners(i) else {
+                return 0.0;
+            };
+            let [a, b, c] = world.map(local);
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
             let normal = (b - a).cross(c - a);
             let size = (high - low).max_element();
@@ -317,10 +341,11 @@ pub(crate) fn check(
                 return 0.0;
             }
             let normal = normal.normalize();
-            let along = f.map(|v| normal.dot(moved(vertices[v as usize])).abs());
+            let along = world.map(|v| normal.dot(moved(v)).abs());
             along[0].max(along[1]).max(along[2])
         };
-        let most = faces.par_iter().map(of).reduce(|| 0.0, f64::max);
+        let most = (0..solid.len()).into_par_iter().map(of);
+        let most = most.reduce(|| 0.0, f64::max);
         if most > ROUNDED {
             let reason = format!(
                 "it is so large that single precision moves its surface by {:.3e}; around what is small in \
@@ -348,7 +373,8 @@ mod tests {
                 offset - scale,
                 offset + DVec3::new(scale, 0.5 * scale, 0.0),
                 &[],
-            );
+            )
+            .unwrap();
             let corner = frame.to_local(offset + DVec3::new(scale, 0.0, 0.0));
             assert!((0.5..=1.0).contains(&corner.x), "{scale}: {corner}");
             assert_eq!(frame.unit.log2().fract(), 0.0);

@@ -56,6 +56,11 @@ pub trait Method: Send + Sync {
         f64::INFINITY
     }
 
+    /// Whether it takes a snapshot whose meshes are placed instances; otherwise all triangles are to be in one list.
+    fn takes_instances(&self) -> bool {
+        false
+    }
+
     /// Builds what is paid once for a scene and its lights, which are in local coordinates.
     ///
     /// # Errors

@@ -67,12 +67,21 @@ class Method:
 
 @final
 class Scene:
-    def __new__(cls) -> Scene: ...
+    def __new__(cls, instances: str = "auto") -> Scene: ...
     def add_mesh(
         self,
         name: str,
         vertices: _F64,
         faces: _I64,
+        albedo: _Vec,
+        opacity: float,
+        casts: bool,
+        receives: bool,
+    ) -> None: ...
+    def add_instance(
+        self,
+        name: str,
+        shared: str,
         albedo: _Vec,
         opacity: float,
         casts: bool,

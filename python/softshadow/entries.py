@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -24,10 +25,12 @@ if TYPE_CHECKING:
 __all__ = [
     "SIDES",
     "Curves",
+    "Faces",
     "Look",
     "Mesh",
     "MeshLike",
     "Spheres",
+    "Vertices",
     "as_look",
     "as_matrix",
     "as_uv",
@@ -42,7 +45,7 @@ __all__ = [
 
 MeshLike: TypeAlias = (
     "trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike] | str | PathLike[str]"
-    " | PolyData | TriangleMesh"
+    " | PolyData | TriangleMesh | Mesh"
 )
 """What `Scene.add` takes."""
 
@@ -81,6 +84,12 @@ class TriangleMesh(Protocol):
 SIDES = (3, 64)
 """Flat sides that a curve's tube may have."""
 
+Vertices: TypeAlias = "npt.NDArray[np.float64]"
+"""Positions, shape (V, 3)."""
+
+Faces: TypeAlias = "npt.NDArray[np.int64]"
+"""Vertices of faces, shape (F, 3)."""
+
 Look: TypeAlias = "tuple[Triple, float, bool, bool]"
 """Albedo, opacity, whether it casts, whether it receives."""
 
@@ -96,8 +105,22 @@ class _Entry:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():
-            kept = checks.frozen(value) if isinstance(value, np.ndarray) else value
+            kept = _frozen_once(value) if isinstance(value, np.ndarray) else value
             object.__setattr__(self, name, kept)
+
+
+_FROZEN: dict[int, tuple[weakref.ref[Any], npt.NDArray[Any]]] = {}
+"""Arrays that are being unpickled, by their ids, and what is kept of each."""
+
+
+def _frozen_once(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a frozen copy, the same for entries that share the array, as instances do."""
+    key = id(array)
+    source, kept = _FROZEN.get(key, (None, None))
+    if source is None or kept is None or source() is not array:
+        kept = checks.frozen(array)
+        _FROZEN[key] = weakref.ref(array, lambda _: _FROZEN.pop(key, None)), kept
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +265,8 @@ def mesh_arrays(
             if str(error).startswith(str(mesh)):
                 raise
             raise ValueError(f"{mesh}: {error}") from None
+    if isinstance(mesh, Mesh):  # it cannot be changed
+        return mesh.vertices, mesh.faces
     arrays = from_trimesh(mesh) or _from_attributes(mesh)
     if arrays is not None:
         vertices, faces = arrays

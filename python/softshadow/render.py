@@ -122,7 +122,7 @@ class Prepared:
         self._method: Method = resolve(method)
         lights, self._single = as_lights(light)
         self._lights = tuple(lights)
-        self._entries = scene.entries
+        self._entries, self._instances = scene.entries, scene.instances
         method_core = self.method._to_core()
         with Bar(progress, f"{self.method.name}: prepare") as report:
             self._core: _core.Prepared = _core.prepare(
@@ -131,7 +131,7 @@ class Prepared:
 
     def __reduce__(self) -> tuple[Any, ...]:
         light: LightLike = self.lights[0] if self._single else self.lights
-        return _prepare_again, (self._entries, light, self.method)
+        return _prepare_again, (self._entries, light, self.method, self._instances)
 
     def __copy__(self) -> Prepared:
         return self
@@ -334,8 +334,10 @@ def _prepared(
         yield prepared, bar.part(0.5, 1, f"{chosen.name}: {rest}")
 
 
-def _prepare_again(entries: tuple[Mesh | Spheres, ...], light: LightLike, m: Method) -> Prepared:
-    return Prepared(scene_of(entries), light, m)
+def _prepare_again(
+    entries: tuple[Mesh | Spheres, ...], light: LightLike, m: Method, instances: str
+) -> Prepared:
+    return Prepared(scene_of(entries, instances), light, m)
 
 
 def prepare(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -16,20 +15,23 @@ from softshadow.arguments import RGB
 from softshadow.entries import (
     SIDES,
     Curves,
+    Faces,
+    Look,
     Mesh,
     MeshLike,
     Spheres,
+    Vertices,
     as_look,
     as_matrix,
     as_uv,
     as_vertices,
-    bounds_of,
     curve_arrays,
     kind_of,
     mesh_arrays,
     mesh_of,
     sphere_arrays,
 )
+from softshadow.listing import Listing, SharedMeshes
 from softshadow.reading import MAX_BYTES, MAX_CORNERS
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["Scene", "mesh_of", "scene_of"]
 
 
-class Scene:
+class Scene(Listing):
     """Meshes, curves and spheres that cast and receive shadows.
 
     What `render` builds for a scene (adjacency, bounding volume hierarchy) is kept with it, and
@@ -61,9 +63,11 @@ class Scene:
     [[-2.0, -2.0, 0.0], [2.0, 2.0, 1.25]]
     """
 
-    def __init__(self) -> None:
-        self._core = _core.Scene()
-        self._entries: dict[str, Mesh | Spheres] = {}
+    def __init__(self, instances: str = "auto") -> None:
+        super().__init__()
+        self._core = _core.Scene(checks.name_of(instances, "instances"))
+        self._instances = instances
+        self._shared = SharedMeshes()
 
     @classmethod
     def load(
@@ -130,54 +134,9 @@ class Scene:
         return scene
 
     @property
-    def entries(self) -> tuple[Mesh | Spheres, ...]:
-        """All entries, which cannot be changed; an image's ``mesh_id`` indexes this."""
-        return tuple(self._entries.values())
-
-    def __getitem__(self, name: str) -> Mesh | Spheres:
-        """Return the entry of that name, which cannot be changed.
-
-        Raises
-        ------
-        ValueError
-            If there is none.
-        """
-        return self._entry(name)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._entries
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._entries)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The entries' names, in the order of ``mesh_id``."""
-        return tuple(self._entries)
-
-    @property
-    def meshes(self) -> tuple[Mesh, ...]:
-        """The entries that are triangle meshes, curves included."""
-        return tuple(e for e in self._entries.values() if isinstance(e, Mesh))
-
-    @property
-    def triangle_count(self) -> int:
-        """Triangles of all meshes together."""
-        return sum(len(m.faces) for m in self.meshes)
-
-    @property
-    def bounds(self) -> npt.NDArray[np.float64]:
-        """World bounding box, shape (2, 3): lower and upper corner.
-
-        Raises
-        ------
-        ValueError
-            If the scene is empty.
-        """
-        if not self._entries:
-            raise ValueError("scene: it has no meshes or spheres")
-        boxes = np.array([bounds_of(entry) for entry in self._entries.values()])
-        return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    def instances(self) -> str:
+        """When meshes that entries share stay instances: ``auto``, ``always`` or ``never``."""
+        return self._instances
 
     def add(
         self,
@@ -200,11 +159,12 @@ class Scene:
 
         Parameters
         ----------
-        mesh : trimesh.Trimesh, trimesh.Scene, path, pair of arrays, or mesh of another package
+        mesh : trimesh.Trimesh, trimesh.Scene, path, pair of arrays, Mesh, or of another package
             A pair is ``(vertices (V, 3) float, faces (F, 3) int)``. A ``trimesh.Scene`` (and a file
             that holds one) is joined to one mesh, its transforms applied; `load` keeps the parts.
             ``pyvista.PolyData`` (polygons are triangulated) and ``open3d.geometry.TriangleMesh``
-            are taken, too.
+            are taken, too. An entry, such as ``scene["tree"]``, gives its mesh alone; of the
+            same scene it is the fastest way to add an instance.
         name : str, optional
             Must be new; chosen when not given.
         albedo : float or array_like of shape (3,)
@@ -253,14 +213,15 @@ class Scene:
         base = self._new_name(name, Path(mesh).stem if is_path else "mesh")  # type: ignore[arg-type]
         look = as_look(f"mesh {base!r}", albedo, opacity, casts, receives)
         coordinates = None if uv is None else as_uv(uv, f"mesh {base!r}", len(vertices))
-        self._core.add_mesh(base, vertices, faces, *look)
+        vertices, faces = self._add_mesh(base, vertices, faces, look)
         try:
             placed = np.eye(4) if transform is None else self._place(base, transform)
         except (TypeError, ValueError):
             self._core.remove(base)
             raise
-        shape = checks.frozen(vertices), checks.frozen(faces), checks.frozen(placed)
-        self._entries[base] = Mesh(base, *(*shape, *look), uv=coordinates)
+        shape = vertices, faces, checks.frozen(placed)
+        self._entries[base] = entry = Mesh(base, *(*shape, *look), uv=coordinates)
+        self._shared.note(entry)
         return base
 
     def add_spheres(
@@ -370,11 +331,22 @@ class Scene:
         n = checks.integer(sides, f"curves {base!r}: sides", *SIDES)
         look = as_look(f"curves {base!r}", albedo, opacity, casts, receives)
         vertices, faces = _core.kernels.curve_tubes(f'curves "{base}"', p, o, r, n)
-        self._core.add_mesh(base, vertices, faces, *look)
-        shape = checks.frozen(vertices), checks.frozen(faces), checks.frozen(np.eye(4))
+        shape = *self._add_mesh(base, vertices, faces, look), checks.frozen(np.eye(4))
         curves = checks.frozen(p), checks.frozen(o), checks.frozen(r)
-        self._entries[base] = Curves(base, *(*shape, *look, *curves, n))
+        self._entries[base] = entry = Curves(base, *(*shape, *look, *curves, n))
+        self._shared.note(entry)
         return base
+
+    def _add_mesh(
+        self, name: str, vertices: Vertices, faces: Faces, look: Look
+    ) -> tuple[Vertices, Faces]:
+        """Add a mesh to the core, or an instance of one; return its arrays, which are kept."""
+        like = self._shared.find(vertices, faces)
+        if like is not None:
+            self._core.add_instance(name, like.name, *look)
+            return like.vertices, like.faces
+        self._core.add_mesh(name, vertices, faces, *look)
+        return checks.frozen(vertices), checks.frozen(faces)
 
     def copy(self) -> Scene:
         """Return an independent scene with the same entries, of which nothing is built yet.
@@ -383,7 +355,7 @@ class Scene:
         -------
         Scene
         """
-        return scene_of(self.entries)
+        return scene_of(self.entries, self.instances)
 
     def set_transform(self, name: str, matrix: npt.ArrayLike) -> None:
         """Place a mesh or curves; its adjacency and the tree's topology are kept.
@@ -457,6 +429,7 @@ class Scene:
             v = tubes
         else:
             self._core.set_vertices(name, v)
+        self._shared.forget(name)
         self._entries[name] = replace(entry, vertices=checks.frozen(v))
 
     def set_spheres(
@@ -545,6 +518,7 @@ class Scene:
         """
         self._entry(name)
         self._core.remove(name)
+        self._shared.forget(name)
         del self._entries[name]
 
     def __copy__(self) -> Scene:
@@ -554,13 +528,7 @@ class Scene:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return scene_of, (self.entries,)
-
-    def _entry(self, name: str) -> Mesh | Spheres:
-        entry = self._entries.get(name) if isinstance(name, str) else None
-        if entry is None:
-            raise ValueError(f"scene: nothing named {name!r}; it has {list(self._entries)}")
-        return entry
+        return scene_of, (self.entries, self.instances)
 
     def _new_name(self, name: str | None, base: str) -> str:
         """Return the name that was given, or a free one; the core refuses one that is taken."""
@@ -581,16 +549,20 @@ class Scene:
         return showing.scene_html(self)
 
 
-def scene_of(entries: tuple[Mesh | Spheres, ...]) -> Scene:
+def scene_of(entries: tuple[Mesh | Spheres, ...], instances: str = "auto") -> Scene:
     """Return a scene of its own with these entries."""
-    scene = Scene()
+    scene = Scene(instances)
+    # The first entry with some arrays, which the others are instances of.
+    first: dict[tuple[int, int], Mesh] = {}
     for e in entries:
         look = (e.name, e.albedo, e.opacity, e.casts, e.receives)
         if isinstance(e, Curves):
             curves = (e.points, e.offsets, e.radii, e.opacity)
             scene.add_curves(*curves, e.name, e.albedo, e.casts, e.receives, e.sides)
         elif isinstance(e, Mesh):
-            scene.add((e.vertices, e.faces), *look, uv=e.uv)
+            arrays = id(e.vertices), id(e.faces)
+            scene.add(first.get(arrays, e), *look, uv=e.uv)
+            first.setdefault(arrays, mesh_of(scene, e.name))
         else:
             scene.add_spheres(e.centers, e.radii, *look)
         if isinstance(e, Mesh) and not np.array_equal(e.transform, np.eye(4)):

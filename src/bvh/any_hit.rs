@@ -61,9 +61,32 @@ pub(super) struct Segments<'a, S: Simd, const AXIS: usize> {
     origin: [Row; 3],
     shear: [Row; 2],
     pub(super) length: Row,
+    pub(super) slabs: Slabs,
+}
+
+/// What the test of boxes needs of segments.
+pub(super) struct Slabs {
     /// For each axis what boxes' lower and upper sides are measured from: origins moved up and down by the slack.
     from: [[Row; 2]; 3],
     inverse: [Row; 3],
+}
+
+impl Slabs {
+    /// With boxes widened by `slack` along each axis.
+    #[inline(always)]
+    pub(super) fn new<S: Simd>(simd: S, packet: &Packet, slack: [f32; 3]) -> Self {
+        let mut out = Slabs {
+            from: [[Row::default(); 2]; 3],
+            inverse: [Row::default(); 3],
+        };
+        for (k, slack) in slack.into_iter().enumerate() {
+            let from = packet.origins()[k].load(simd);
+            out.from[k][0].set(from + slack);
+            out.from[k][1].set(from - slack);
+            out.inverse[k].set(inverse(simd, packet, k));
+        }
+        out
+    }
 }
 
 impl<'a, S: Simd, const AXIS: usize> Segments<'a, S, AXIS> {
@@ -76,16 +99,11 @@ impl<'a, S: Simd, const AXIS: usize> Segments<'a, S, AXIS> {
             origin: [Row::default(); 3],
             shear: [Row::default(); 2],
             length: Row::default(),
-            from: [[Row::default(); 2]; 3],
-            inverse: [Row::default(); 3],
+            slabs: Slabs::new(simd, packet, [slack; 3]),
             rays,
         };
         for k in 0..3 {
             out.origin[k].set(out.rays.origin[k]);
-            let from = packet.origins()[k].load(simd);
-            out.from[k][0].set(from + slack);
-            out.from[k][1].set(from - slack);
-            out.inverse[k].set(inverse(simd, packet, k));
         }
         for k in 0..2 {
             out.shear[k].set(out.rays.shear[k]);
@@ -117,7 +135,8 @@ fn traverse<S: Simd, const AXIS: usize>(
     // It may be of another tree: then it is a leaf like any other, if there is one of its number.
     if let Some(leaf) = blocker.map(Child::from_word) {
         if leaf.place() < tree.packs.len() {
-            found = meet_leaf(simd, tree, leaf, &segments, active);
+            let pack = &tree.packs[leaf.place()];
+            found = meet_leaf(simd, pack, leaf.triangles(), &segments, active);
             active &= !found;
             if active == 0 {
                 return found;
@@ -131,7 +150,8 @@ fn traverse<S: Simd, const AXIS: usize>(
     let (mut child, mut mask) = (Child::ROOT, active);
     loop {
         if child.is_leaf() {
-            let hit = meet_leaf(simd, tree, child, &segments, mask);
+            let pack = &tree.packs[child.place()];
+            let hit = meet_leaf(simd, pack, child.triangles(), &segments, mask);
             if hit != 0 {
                 *blocker = Some(child.word());
                 found |= hit;
@@ -141,25 +161,7 @@ fn traverse<S: Simd, const AXIS: usize>(
                 }
             }
         } else {
-            let node = &tree.nodes[child.place()];
-            let (inside, mut any) = meet_node(simd, node, &segments, mask);
-            // The child that most segments enter first, and of those the largest: it is most likely to end them all.
-            let mut next = None;
-            let mut most = 0;
-            while any != 0 {
-                let k = any.trailing_zeros() as usize % WIDTH;
-                any &= any - 1;
-                let (mut other, count) = ((node.child[k], inside[k]), inside[k].count_ones());
-                tree.prefetch(other.0);
-                if count > most {
-                    most = count;
-                    other = match next.replace(other) {
-                        Some(before) => before,
-                        None => continue,
-                    };
-                }
-                nodes.extend([other.0.word(), u32::from(other.1)]);
-            }
+            let next = descend(simd, tree, child, &segments.slabs, mask, nodes);
             if let Some(nearest) = next {
                 (child, mask) = nearest;
                 continue;
@@ -181,6 +183,38 @@ fn traverse<S: Simd, const AXIS: usize>(
     }
 }
 
+/// Puts a node's children that segments may enter on the stack, but for the one that most enter first, and of those
+/// the largest: it is most likely to end them all.
+#[inline(always)]
+pub(super) fn descend<S: Simd>(
+    simd: S,
+    tree: &Wide,
+    child: Child,
+    slabs: &Slabs,
+    mask: u16,
+    nodes: &mut Vec<u32>,
+) -> Option<(Child, u16)> {
+    let node = &tree.nodes[child.place()];
+    let (inside, mut any) = meet_node(simd, node, slabs, mask);
+    let mut next = None;
+    let mut most = 0;
+    while any != 0 {
+        let k = any.trailing_zeros() as usize % WIDTH;
+        any &= any - 1;
+        let (mut other, count) = ((node.child[k], inside[k]), inside[k].count_ones());
+        tree.prefetch(other.0);
+        if count > most {
+            most = count;
+            other = match next.replace(other) {
+                Some(before) => before,
+                None => continue,
+            };
+        }
+        nodes.extend([other.0.word(), u32::from(other.1)]);
+    }
+    next
+}
+
 /// Whether so many segments are better taken together, for each of `count` boxes or triangles.
 #[inline(always)]
 pub(super) fn together(mask: u16, count: u32) -> bool {
@@ -190,31 +224,31 @@ pub(super) fn together(mask: u16, count: u32) -> bool {
 
 /// Segments that may enter each child's box, and the children that any may enter.
 #[inline(always)]
-pub(super) fn meet_node<S: Simd, const AXIS: usize>(
+pub(super) fn meet_node<S: Simd>(
     simd: S,
     node: &Node,
-    segments: &Segments<'_, S, AXIS>,
+    slabs: &Slabs,
     mut mask: u16,
 ) -> ([u16; WIDTH], u32) {
     let mut inside = [0; WIDTH];
     let mut any = 0;
     if together(mask, node.count) {
         for (k, inside) in inside.iter_mut().enumerate().take(node.count as usize) {
-            *inside = enter_together(simd, node, k, segments) & mask;
+            *inside = enter_together(simd, node, k, slabs) & mask;
             any |= u32::from(*inside != 0) << k;
         }
         return (inside, any);
     }
     if mask.is_power_of_two() {
         let lane = mask.trailing_zeros() as usize;
-        return ([mask; WIDTH], enter_alone(simd, node, lane, segments));
+        return ([mask; WIDTH], enter_alone(simd, node, lane, slabs));
     }
     // A byte for each child, a bit for each of eight segments.
     let mut halves = [0u64; 2];
     while mask != 0 {
         let lane = mask.trailing_zeros() as usize;
         mask &= mask - 1;
-        let children = enter_alone(simd, node, lane, segments);
+        let children = enter_alone(simd, node, lane, slabs);
         any |= children;
         halves[lane / 8] |= spread(children) << (lane % 8);
     }
@@ -237,17 +271,12 @@ fn spread(bits: u32) -> u64 {
 
 /// Segments that may enter one child's box.
 #[inline(always)]
-fn enter_together<S: Simd, const AXIS: usize>(
-    simd: S,
-    node: &Node,
-    child: usize,
-    segments: &Segments<'_, S, AXIS>,
-) -> u16 {
+fn enter_together<S: Simd>(simd: S, node: &Node, child: usize, slabs: &Slabs) -> u16 {
     let (mut near, mut far) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     for k in 0..3 {
-        let inverse = segments.inverse[k].load(simd);
-        let a = (node.planes[k][0][child] - segments.from[k][0].load(simd)) * inverse;
-        let b = (node.planes[k][1][child] - segments.from[k][1].load(simd)) * inverse;
+        let inverse = slabs.inverse[k].load(simd);
+        let a = (node.planes[k][0][child] - slabs.from[k][0].load(simd)) * inverse;
+        let b = (node.planes[k][1][child] - slabs.from[k][1].load(simd)) * inverse;
         near = near.greater(a.lesser(b));
         far = far.lesser(a.greater(b));
     }
@@ -266,19 +295,14 @@ pub(super) fn splat<S: Simd>(simd: S, row: &Row, lane: usize) -> f32x8<S> {
 
 /// Children whose boxes one segment may enter.
 #[inline(always)]
-fn enter_alone<S: Simd, const AXIS: usize>(
-    simd: S,
-    node: &Node,
-    lane: usize,
-    segments: &Segments<'_, S, AXIS>,
-) -> u32 {
+fn enter_alone<S: Simd>(simd: S, node: &Node, lane: usize, slabs: &Slabs) -> u32 {
     let (mut near, mut far) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
     for k in 0..3 {
         // A segment comes first to the side that its direction's sign tells.
-        let first = usize::from(segments.inverse[k].0[lane].is_sign_negative());
+        let first = usize::from(slabs.inverse[k].0[lane].is_sign_negative());
         let last = 1 - first;
-        let inverse = splat(simd, &segments.inverse[k], lane);
-        let (planes, from) = (&node.planes[k], &segments.from[k]);
+        let inverse = splat(simd, &slabs.inverse[k], lane);
+        let (planes, from) = (&node.planes[k], &slabs.from[k]);
         near = ((load(simd, &planes[first]) - splat(simd, &from[first], lane)) * inverse)
             .greater(near);
         far = ((load(simd, &planes[last]) - splat(simd, &from[last], lane)) * inverse).lesser(far);
@@ -288,17 +312,16 @@ fn enter_alone<S: Simd, const AXIS: usize>(
 
 /// Segments that a leaf's triangles block.
 #[inline(always)]
-fn meet_leaf<S: Simd, const AXIS: usize>(
+pub(super) fn meet_leaf<S: Simd, const AXIS: usize>(
     simd: S,
-    tree: &Wide,
-    leaf: Child,
+    pack: &Pack,
+    count: usize,
     segments: &Segments<'_, S, AXIS>,
     mut mask: u16,
 ) -> u16 {
-    let pack = &tree.packs[leaf.place()];
     let mut found = 0;
-    if together(mask, leaf.triangles() as u32) {
-        for k in 0..leaf.triangles() {
+    if together(mask, count as u32) {
+        for k in 0..count {
             let hit = triangle(&pack.triangle(k), segments.packet, &segments.rays, mask);
             found |= hit;
             mask &= !hit;

@@ -7,6 +7,7 @@
 //! - [`crossing`]: how many times one segment crosses each surface, exactly, and which first; `through`: sixteen segments'
 //!   transmittance by the same crossings, most of which single precision tells;
 //! - `pyramid`: the triangles in a convex region next to a point;
+//! - [`placed`]: hierarchies of two levels, for scenes that show the same mesh many times;
 //! - [`seen`]: what a camera sees;
 //! - [`outline`]: which edges can be silhouette edges for a group of receivers; [`edge_faces`]: the triangles at them.
 //!
@@ -21,8 +22,10 @@ mod crossed;
 pub mod crossing;
 pub mod edge_faces;
 pub(crate) mod grown;
+mod kept;
 pub mod outline;
 pub mod packet;
+pub mod placed;
 pub(crate) mod pyramid;
 pub mod seen;
 mod through;
@@ -37,6 +40,7 @@ use rayon::prelude::*;
 use crate::geometry::{Geometry, Sphere};
 use outline::Outline;
 use packet::{Packet, Stack};
+use placed::Placed;
 use tree::Tree;
 use wide::Wide;
 
@@ -127,6 +131,8 @@ pub struct Occluders {
     pub others: Option<TriangleBvh>,
     /// Spheres of any opacity.
     pub spheres: Option<SphereBvh>,
+    /// All triangles, where the geometry's meshes are placed; there are none in the other hierarchies then.
+    pub placed: Option<Placed>,
 }
 
 impl Occluders {
@@ -152,6 +158,19 @@ impl Occluders {
             transparent,
             others: (!others.is_empty()).then(|| TriangleBvh::new(geometry, &others)),
             spheres: sphere_bvh(geometry),
+            placed: None,
+        }
+    }
+
+    /// Hierarchies of two levels, with the trees of meshes that `known` has.
+    pub fn placed(geometry: &Geometry, known: Option<&Occluders>) -> Self {
+        let known = known.and_then(|k| k.placed.as_ref());
+        Occluders {
+            opaque: TriangleBvh::new(geometry, &[]),
+            transparent: None,
+            others: None,
+            spheres: sphere_bvh(geometry),
+            placed: Some(Placed::new(geometry, known)),
         }
     }
 
@@ -166,10 +185,17 @@ impl Occluders {
             }),
             others: self.others.as_ref().map(|bvh| bvh.refitted(geometry)),
             spheres: sphere_bvh(geometry),
+            placed: None,
         }
     }
 
-    /// The hierarchies over triangles; together they hold all of a scene.
+    /// Whether a segment passes all or nothing.
+    pub fn is_binary(&self) -> bool {
+        let placed = self.placed.as_ref();
+        self.transparent.is_none() && self.spheres.is_none() && placed.is_none_or(Placed::is_opaque)
+    }
+
+    /// The hierarchies over triangles; together they hold all of a scene whose meshes are not placed.
     pub fn triangles(&self) -> impl Iterator<Item = &TriangleBvh> {
         let transparent = self.transparent.as_ref().map(|(bvh, _)| bvh);
         std::iter::once(&self.opaque)
@@ -185,12 +211,18 @@ impl Occluders {
         stack: &mut Stack,
         out: &mut [f32; crate::simd::LANES],
     ) {
-        let open = active & !any_hit::blocked(&self.opaque, packet, active, stack);
+        let mut open = active & !any_hit::blocked(&self.opaque, packet, active, stack);
+        if let Some(placed) = &self.placed {
+            open &= !placed.blocked(packet, open, stack);
+        }
         for (lane, out) in out.iter_mut().enumerate() {
             *out = f32::from(open >> lane & 1);
         }
         if let Some((bvh, through)) = &self.transparent {
             through::triangles(bvh, through, packet, open, stack, out);
+        }
+        if let Some(placed) = &self.placed {
+            placed.pass(packet, open, stack, out);
         }
         if let Some(spheres) = &self.spheres {
             for (lane, out) in out.iter_mut().enumerate().filter(|(_, out)| **out > 0.0) {
@@ -219,6 +251,7 @@ impl Occluders {
         self.opaque.bytes()
             + transparent.map_or(0, |(bvh, through)| bvh.bytes() + 4 * through.len())
             + self.others.as_ref().map_or(0, TriangleBvh::bytes)
+            + self.placed.as_ref().map_or(0, Placed::bytes)
             + spheres.map_or(0, |s| {
                 s.tree.bytes() + s.spheres.len() * (size_of::<Sphere>() + 4)
             })

@@ -18,6 +18,7 @@ use glam::Vec3;
 use robust::{Coord3D, orient3d};
 
 use super::crossed::Crossed;
+use super::kept::KeptPacks;
 use crate::simd::{LANES, Lanes, Row};
 
 /// By how much boxes are widened, times the largest coordinate. A sheared vertex is off by up to 6
@@ -46,6 +47,10 @@ pub struct Stack {
     pub(super) blocker: Option<u32>,
     /// What each segment of a packet has crossed.
     pub(super) crossed: [Crossed; LANES],
+    /// Of two levels: nodes of the upper one, segments in a mesh's own coordinates, and triangles in the scene's.
+    pub(super) upper: Vec<u32>,
+    pub(super) own: Packet,
+    pub(super) packs: KeptPacks,
 }
 
 impl Stack {

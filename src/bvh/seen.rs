@@ -5,18 +5,20 @@
 //! already; what the leaves hold is drawn by the rasteriser's rules. Of a dense mesh, most is never looked at.
 //!
 //! A box bounds the places of its triangles in the image, and their depths, with all that rounding can be wrong by, so
-//! that the picture is that of [`crate::raster::rasterize`] to the last bit: no answer depends on the hierarchy.
+//! that the picture is that of [`crate::raster::rasterize`] to the last bit: no answer depends on the hierarchy. The same
+//! walk goes through the instances of a scene with two levels, and through the tree of each ([`super::placed`]).
 
 use fearless_simd::{dispatch, f64x8, prelude::*};
 use glam::{DMat3, DVec3};
 
-use super::wide::{Child, Node, WIDTH};
+use super::placed::{Instance, Set, pack};
+use super::wide::{Child, Node, WIDTH, Wide};
 use super::{Occluders, TriangleBvh};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::Result;
 use crate::geometry::Geometry;
-use crate::raster::leaf::{LEAF, LeafPainter};
+use crate::raster::leaf::{LEAF, LeafPainter, Triangles};
 use crate::raster::nearest::Nearest;
 use crate::raster::setup::NEAR;
 use crate::raster::{Tile, each_tile};
@@ -26,6 +28,10 @@ const _: () = assert!(LEAF == WIDTH, "a pack is drawn at once");
 
 /// What coordinates of projected points can be wrong by, over what they are sums of: more than a hundred roundings.
 const ROUNDING: f64 = 128.0 * f64::EPSILON;
+
+/// By how much corners are moved when they are rounded to single precision, over the largest coordinate: half an ulp, and as
+/// much to spare.
+const CORNER: f64 = 1.0 / (1 << 23) as f64;
 
 /// What a place in the image can be wrong by after the division, in pixels: they are below 2¹⁶.
 const MARGIN: f64 = 1e-9;
@@ -45,13 +51,109 @@ pub fn nearest(
 ) -> Result<Vec<(Tile, Nearest)>> {
     each_tile(camera, control, Nearest::new, |_, tile, sink| {
         let view = View::new(camera, tile);
-        let mut painter = LeafPainter::new(camera, &geometry.faces, tile);
+        let mut painter = LeafPainter::new(camera, tile);
         let mut stack = Vec::new();
         for bvh in occluders.triangles() {
-            let (painter, stack, sink) = (&mut painter, &mut stack, &mut *sink);
-            dispatch!(detect(), simd => draw(simd, bvh, &view, painter, stack, sink));
+            let faces = &geometry.faces;
+            let mut leaves = Flat {
+                bvh,
+                triangles: Triangles { faces, first: 0 },
+                painter: &mut painter,
+            };
+            let (stack, sink) = (&mut stack, &mut *sink);
+            dispatch!(detect(), simd => walk(simd, &bvh.wide, &view, &mut leaves, stack, sink));
+        }
+        let Some(placed) = &occluders.placed else {
+            return;
+        };
+        let mut below = Vec::new();
+        for set in placed.sets() {
+            let mut leaves = Upper {
+                set,
+                view: &view,
+                painter: &mut painter,
+                stack: &mut below,
+            };
+            let (stack, sink) = (&mut stack, &mut *sink);
+            dispatch!(detect(), simd => walk(simd, &set.tree, &view, &mut leaves, stack, sink));
         }
     })
+}
+
+/// What is done with the leaves of a tree that may show.
+trait Leaves {
+    fn draw<S: Simd>(&mut self, simd: S, leaf: Child, sink: &mut Nearest);
+}
+
+/// Leaves of a tree over all triangles.
+struct Flat<'a, 'b> {
+    bvh: &'a TriangleBvh,
+    triangles: Triangles<'a>,
+    painter: &'a mut LeafPainter<'b>,
+}
+
+impl Leaves for Flat<'_, '_> {
+    #[inline(always)]
+    fn draw<S: Simd>(&mut self, simd: S, leaf: Child, sink: &mut Nearest) {
+        let tree = &self.bvh.wide;
+        let first = tree.firsts[leaf.place()] as usize;
+        let faces = &self.bvh.faces[first..first + leaf.triangles()];
+        let corners = &tree.packs[leaf.place()].corners;
+        self.painter
+            .draw(simd, self.triangles, faces, corners, sink);
+    }
+}
+
+/// Leaves of a tree over instances.
+struct Upper<'a, 'b> {
+    set: &'a Set,
+    view: &'a View,
+    painter: &'a mut LeafPainter<'b>,
+    stack: &'a mut Vec<Open>,
+}
+
+impl Leaves for Upper<'_, '_> {
+    #[inline(always)]
+    fn draw<S: Simd>(&mut self, simd: S, leaf: Child, sink: &mut Nearest) {
+        let first = self.set.tree.firsts[leaf.place()] as usize;
+        for instance in &self.set.instances[first..first + leaf.triangles()] {
+            let view = self.view.of_instance(instance);
+            let mut leaves = Lower {
+                instance,
+                triangles: Triangles {
+                    faces: instance.tree.mesh.faces(),
+                    first: instance.first_face,
+                },
+                painter: &mut *self.painter,
+            };
+            self.stack.clear();
+            walk(
+                simd,
+                &instance.tree.wide,
+                &view,
+                &mut leaves,
+                self.stack,
+                sink,
+            );
+        }
+    }
+}
+
+/// Leaves of an instance's tree.
+struct Lower<'a, 'b> {
+    instance: &'a Instance,
+    triangles: Triangles<'a>,
+    painter: &'a mut LeafPainter<'b>,
+}
+
+impl Leaves for Lower<'_, '_> {
+    #[inline(always)]
+    fn draw<S: Simd>(&mut self, simd: S, leaf: Child, sink: &mut Nearest) {
+        let faces = self.instance.tree.faces(leaf);
+        let corners = pack(simd, self.instance, leaf).corners;
+        self.painter
+            .draw(simd, self.triangles, faces, &corners, sink);
+    }
 }
 
 /// How boxes are projected to a tile.
@@ -60,8 +162,11 @@ struct View {
     /// From differences to the eye to homogeneous pixel coordinates with the tile's middle as their origin, where
     /// intervals of them are tightest: rows for x, y and z.
     rows: [[f64; 3]; 3],
-    /// What each can be wrong by, over the largest difference.
+    /// What is added to them.
+    offset: [f64; 3],
+    /// What each can be wrong by, over the largest difference, and besides.
     slack: [f64; 3],
+    more_slack: [f64; 3],
     /// The middle of the tile from its first pixel's centre.
     middle: [f64; 2],
     /// The last column and row of the tile.
@@ -81,9 +186,35 @@ impl View {
         View {
             eye: camera.eye.to_array(),
             rows: [0, 1, 2].map(|row| matrix.row(row).to_array()),
+            offset: [0.0; 3],
             slack: [0, 1, 2].map(|row| ROUNDING * (largest(row, k) + largest(row, moved))),
+            more_slack: [0.0; 3],
             middle: size.map(|size| 0.5 * size - 0.5),
             last: size.map(|size| size - 1.0),
+        }
+    }
+
+    /// How boxes in the coordinates of an instance's mesh are projected.
+    fn of_instance(&self, instance: &Instance) -> View {
+        let (matrix, middle) = instance.to_scene();
+        let eye = DVec3::from_array(self.eye);
+        let turned = |row: usize| DVec3::from_array(self.rows[row]);
+        let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+        // As far as anything within the boxes is from the eye, with the parts of sums that may cancel.
+        let reach = columns.map(|c| c.abs().max_element()).iter().sum::<f64>();
+        let reach = 4.0 * (reach + middle.abs().max_element() + eye.abs().max_element());
+        let more = |row: usize| {
+            let corners = turned(row).abs().element_sum() * CORNER * instance.largest;
+            corners + self.slack[row] * reach
+        };
+        View {
+            eye: [0.0; 3],
+            rows: [0, 1, 2].map(|row| columns.map(|c| turned(row).dot(c))),
+            offset: [0, 1, 2].map(|row| turned(row).dot(middle - eye)),
+            slack: [0.0; 3],
+            more_slack: [0, 1, 2].map(more),
+            middle: self.middle,
+            last: self.last,
         }
     }
 }
@@ -110,24 +241,21 @@ struct Open {
 }
 
 #[inline(always)]
-fn draw<S: Simd>(
+fn walk<S: Simd, L: Leaves>(
     simd: S,
-    bvh: &TriangleBvh,
+    tree: &Wide,
     view: &View,
-    painter: &mut LeafPainter<'_>,
+    leaves: &mut L,
     stack: &mut Vec<Open>,
     sink: &mut Nearest,
 ) {
-    let tree = &bvh.wide;
     if tree.nodes.is_empty() {
         return;
     }
     let mut child = Child::ROOT;
     loop {
         if child.is_leaf() {
-            let first = tree.firsts[child.place()] as usize;
-            let triangles = &bvh.faces[first..first + child.triangles()];
-            painter.draw(simd, triangles, &tree.packs[child.place()].corners, sink);
+            leaves.draw(simd, child, sink);
         } else {
             let node = &tree.nodes[child.place()];
             let places = project(simd, node, view);
@@ -168,8 +296,9 @@ fn project<S: Simd>(simd: S, node: &Node, view: &View) -> Places {
     ];
     let [x, y, z] = [farther(&sides[0]), farther(&sides[1]), farther(&sides[2])];
     let largest = larger(larger(x, y), z);
-    let front = bound(view, &sides, 2, 0) - largest * view.slack[2];
-    let back = bound(view, &sides, 2, 1) + largest * view.slack[2];
+    let slack = largest * view.slack[2] + view.more_slack[2];
+    let front = bound(view, &sides, 2, 0) - slack;
+    let back = bound(view, &sides, 2, 1) + slack;
     let near = front
         .simd_ge(NEAR)
         .select(1.0 / front, f64x8::splat(simd, BOUNDLESS));
@@ -177,7 +306,7 @@ fn project<S: Simd>(simd: S, node: &Node, view: &View) -> Places {
     let mut places = Places::default();
     let mut some = back.simd_ge(NEAR);
     for axis in 0..2 {
-        let slack = largest * view.slack[axis];
+        let slack = largest * view.slack[axis] + view.more_slack[axis];
         let low = bound(view, &sides, axis, 0) - slack;
         let high = bound(view, &sides, axis, 1) + slack;
         let low = low * low.simd_gt(0.0).select(far, near) + (view.middle[axis] - MARGIN);
@@ -218,11 +347,11 @@ fn larger<S: Simd>(a: f64x8<S>, b: f64x8<S>) -> f64x8<S> {
 
 /// The least value of a coordinate in all boxes, or with an `end` of 1 the largest.
 #[inline(always)]
-fn bound<S: Simd>(view: &View, sides: &[[f64x8<S>; 2]; 3], row: usize, end: usize) -> f64x8<S> {
-    let row = &view.rows[row];
+fn bound<S: Simd>(view: &View, sides: &[[f64x8<S>; 2]; 3], at: usize, end: usize) -> f64x8<S> {
+    let row = &view.rows[at];
     // The sign of an axis' factor says which side it is.
     let [x, y, z] = [0, 1, 2].map(|axis| end ^ usize::from(row[axis] < 0.0));
-    sides[0][x] * row[0] + sides[1][y] * row[1] + sides[2][z] * row[2]
+    sides[0][x] * row[0] + sides[1][y] * row[1] + sides[2][z] * row[2] + view.offset[at]
 }
 
 #[cfg(test)]

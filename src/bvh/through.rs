@@ -12,7 +12,7 @@ use super::any_hit::{Segments, corner, meet_node, splat, together};
 use super::crossed::Crossed;
 use super::crossing::Shear;
 use super::packet::{Packet, Stack, largest, longest_axes, shear};
-use super::wide::{Child, WIDTH, Wide};
+use super::wide::{Child, Pack, WIDTH, Wide};
 use crate::simd::{LANES, Lanes, Level, detect};
 
 /// What an edge function can be wrong by, over `M (M + Z)`, with `M` the largest sheared x or y and `Z` the largest z. A
@@ -100,10 +100,13 @@ fn traverse<S: Simd, const AXIS: usize>(
     let (mut child, mut mask) = (Child::ROOT, active);
     loop {
         if child.is_leaf() {
-            meet_leaf(simd, triangles, child, &segments, mask, crossed);
+            let first = tree.firsts[child.place()] as usize;
+            let through = &triangles.through[first..first + child.triangles()];
+            let pack = &tree.packs[child.place()];
+            meet_leaf(simd, pack, through, &segments, mask, crossed);
         } else {
             let node = &tree.nodes[child.place()];
-            let (inside, mut any) = meet_node(simd, node, &segments, mask);
+            let (inside, mut any) = meet_node(simd, node, &segments.slabs, mask);
             while any != 0 {
                 let k = any.trailing_zeros() as usize % WIDTH;
                 any &= any - 1;
@@ -118,21 +121,18 @@ fn traverse<S: Simd, const AXIS: usize>(
     }
 }
 
-/// Counts what the segments cross of a leaf's triangles.
+/// Counts what the segments cross of a leaf's triangles, each with what passes it.
 #[inline(always)]
-fn meet_leaf<S: Simd, const AXIS: usize>(
+pub(super) fn meet_leaf<S: Simd, const AXIS: usize>(
     simd: S,
-    triangles: &Triangles<'_>,
-    leaf: Child,
+    pack: &Pack,
+    through: &[f32],
     segments: &Segments<'_, S, AXIS>,
     mut mask: u16,
     crossed: &mut [Crossed; LANES],
 ) {
-    let tree = &triangles.bvh.wide;
-    let pack = &tree.packs[leaf.place()];
-    let first = tree.firsts[leaf.place()] as usize;
-    if together(mask, leaf.triangles() as u32) {
-        for k in 0..leaf.triangles() {
+    if together(mask, through.len() as u32) {
+        for (k, &through) in through.iter().enumerate() {
             let corners = pack.triangle(k);
             let rays = &segments.rays;
             let sheared = [
@@ -144,17 +144,17 @@ fn meet_leaf<S: Simd, const AXIS: usize>(
             let mut hit = passing.hit;
             if passing.unsure != 0 {
                 hit |= exactly(passing.unsure, |lane| {
-                    crosses(triangles, first + k, segments.packet, lane)
+                    crosses(pack, k, segments.packet, lane)
                 });
             }
             while hit != 0 {
-                crossed[hit.trailing_zeros() as usize % LANES].add(triangles.through[first + k], 1);
+                crossed[hit.trailing_zeros() as usize % LANES].add(through, 1);
                 hit &= hit - 1;
             }
         }
         return;
     }
-    let all = u16::MAX >> (u16::BITS as usize - leaf.triangles());
+    let all = u16::MAX >> (u16::BITS as usize - through.len());
     while mask != 0 {
         let lane = mask.trailing_zeros() as usize % LANES;
         mask &= mask - 1;
@@ -166,13 +166,11 @@ fn meet_leaf<S: Simd, const AXIS: usize>(
         let passing = Passing::new(corners, splat(simd, &segments.length, lane), all);
         let mut hit = passing.hit;
         if passing.unsure != 0 {
-            hit |= exactly(passing.unsure, |k| {
-                crosses(triangles, first + k, segments.packet, lane)
-            });
+            hit |= exactly(passing.unsure, |k| crosses(pack, k, segments.packet, lane));
         }
         while hit != 0 {
             let k = hit.trailing_zeros() as usize;
-            crossed[lane].add(triangles.through[first + k], 1);
+            crossed[lane].add(through[k], 1);
             hit &= hit - 1;
         }
     }
@@ -191,10 +189,10 @@ fn exactly(mut unsure: u16, crosses: impl Fn(usize) -> bool) -> u16 {
     hit
 }
 
-/// Whether one segment crosses one triangle.
-fn crosses(triangles: &Triangles<'_>, triangle: usize, packet: &Packet, lane: usize) -> bool {
+/// Whether one segment crosses one triangle of a pack.
+fn crosses(pack: &Pack, triangle: usize, packet: &Packet, lane: usize) -> bool {
     let (from, to) = (packet.origin(lane), packet.target(lane));
-    Shear::new(from, to).crosses(&triangles.bvh.corners[triangle], from, to)
+    Shear::new(from, to).crosses(&pack.triangle(triangle), from, to)
 }
 
 /// What single precision tells of segments and triangles, a pair a lane.

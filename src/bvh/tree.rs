@@ -60,6 +60,11 @@ impl Boundable for Bounds {
 impl Tree {
     /// Builds a tree over boxes, given by lower and upper corners.
     pub fn new(bounds: &[(Vec3, Vec3)]) -> Self {
+        Tree::with_leaves(bounds, LEAF_SIZE)
+    }
+
+    /// Builds a tree with up to so many primitives in a leaf.
+    pub(super) fn with_leaves(bounds: &[(Vec3, Vec3)], most: u32) -> Self {
         if bounds.is_empty() {
             return Tree::default();
         }
@@ -71,7 +76,7 @@ impl Tree {
         // no faster; leaves of 8 are a few per cent faster than 4, 2 or 1.
         let mut elapsed = std::time::Duration::ZERO;
         let params = BvhBuildParams {
-            max_prims_per_leaf: LEAF_SIZE,
+            max_prims_per_leaf: most,
             ..BvhBuildParams::medium_build()
         };
         let built = build_bvh2(&boxes, params, &mut elapsed);

@@ -36,7 +36,7 @@ pub(super) struct Pack {
 }
 
 impl Pack {
-    fn new(triangles: &[[Vec3; 3]]) -> Self {
+    pub(super) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let mut corners = [[[f32::NAN; WIDTH]; 3]; 3];
         for (k, triangle) in triangles.iter().enumerate() {
             for (corner, v) in corners.iter_mut().zip(triangle) {
@@ -110,16 +110,29 @@ impl Child {
 pub(super) struct Wide {
     /// Empty when there are no triangles.
     pub(super) nodes: Vec<Node>,
+    /// A leaf each; empty where corners are kept elsewhere.
     pub(super) packs: Vec<Pack>,
-    /// Where the triangles of each pack start in the order of the binary tree's leaves.
+    /// Where the triangles of each leaf start in the order of the binary tree's leaves.
     pub(super) firsts: Vec<u32>,
 }
 
 impl Wide {
     /// The tree for triangles, given by their corners in the order of the leaves of `tree`.
     pub(super) fn new(tree: &Tree, corners: &[[Vec3; 3]]) -> Self {
+        let (mut wide, leaves) = Wide::with_leaves(tree, WIDTH);
+        let pack = |range: std::ops::Range<usize>| Pack::new(&corners[range]);
+        wide.packs = leaves.into_par_iter().map(pack).collect();
+        wide
+    }
+
+    /// The tree for primitives that it does not keep, with up to so many in a leaf, but for larger leaves of `tree`.
+    pub(super) fn of_boxes(tree: &Tree, most: usize) -> Self {
+        Wide::with_leaves(tree, most).0
+    }
+
+    /// The nodes, and the primitives of each leaf.
+    fn with_leaves(tree: &Tree, most: usize) -> (Self, Vec<std::ops::Range<usize>>) {
         let mut nodes = Vec::new();
-        // Where each pack's triangles are.
         let mut leaves = Vec::new();
         if !tree.nodes.is_empty() {
             let below = triangles_below(tree);
@@ -131,7 +144,8 @@ impl Wide {
                     let node: &mut Node = &mut nodes[node];
                     node.child[child] = Child(place as u32);
                 }
-                let children = children(tree, &below, root);
+                let is_leaf = |i: usize| below[i].1 as usize <= most || tree.nodes[i].count > 0;
+                let children = children(tree, is_leaf, root);
                 let mut node = Node {
                     planes: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3],
                     child: [Child::ROOT; WIDTH],
@@ -144,7 +158,7 @@ impl Wide {
                         planes[1][k] = bounds.max[axis];
                     }
                     let (first, count) = below[child];
-                    if count as usize <= WIDTH {
+                    if is_leaf(child) {
                         node.child[k] = Child::leaf(leaves.len(), count);
                         leaves.push(first as usize..(first + count) as usize);
                     } else {
@@ -154,14 +168,12 @@ impl Wide {
                 nodes.push(node);
             }
         }
-        let pack = |range: std::ops::Range<usize>| Pack::new(&corners[range]);
-        let firsts = leaves.iter().map(|range| range.start as u32).collect();
-        let packs = leaves.into_par_iter().map(pack).collect();
-        Wide {
+        let wide = Wide {
             nodes,
-            packs,
-            firsts,
-        }
+            packs: Vec::new(),
+            firsts: leaves.iter().map(|range| range.start as u32).collect(),
+        };
+        (wide, leaves)
     }
 
     /// Asks for a child before it is needed.
@@ -195,12 +207,12 @@ fn triangles_below(tree: &Tree) -> Vec<(u32, u32)> {
 }
 
 /// The nodes of a binary tree that are to be children of the one made for `root`, the largest first.
-fn children(tree: &Tree, below: &[(u32, u32)], root: usize) -> Vec<usize> {
+fn children(tree: &Tree, is_leaf: impl Fn(usize) -> bool, root: usize) -> Vec<usize> {
     let area = |&i: &usize| tree.nodes[i].half_area();
     let mut children = vec![root];
     while children.len() < WIDTH {
         let open = (0..children.len())
-            .filter(|&k| below[children[k]].1 as usize > WIDTH)
+            .filter(|&k| !is_leaf(children[k]))
             .max_by(|&a, &b| area(&children[a]).total_cmp(&area(&children[b])));
         let Some(k) = open else {
             break;

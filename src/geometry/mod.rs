@@ -9,10 +9,11 @@
 //! constants in it.
 
 pub mod entry;
+pub mod placed;
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -33,6 +34,10 @@ pub struct MeshRange {
     pub first_vertex: u32,
     /// The mesh, for its adjacency.
     pub mesh: Arc<TriMesh>,
+    /// Where it is placed: object to world.
+    pub transform: DAffine3,
+    /// World bounds of its triangles.
+    pub bounds: (DVec3, DVec3),
 }
 
 /// A sphere in local coordinates.
@@ -63,6 +68,9 @@ pub struct Geometry {
     pub spheres: Vec<Sphere>,
     /// Looks of the scene's entries.
     pub materials: Vec<Material>,
+    /// Whether `positions` and `faces` are empty, and meshes stay in object space ([`placed`]). Triangles have the
+    /// same numbers as otherwise.
+    pub placed: bool,
 }
 
 impl Geometry {
@@ -117,6 +125,8 @@ impl Geometry {
                         faces: mesh.faces().len() as u32,
                         first_vertex: first_vertex as u32,
                         mesh: mesh.clone(),
+                        transform: *transform,
+                        bounds: (low, high),
                     });
                     let base = first_vertex as u32;
                     faces.extend(mesh.faces().iter().map(|f| f.map(|v| v + base)));
@@ -130,13 +140,7 @@ impl Geometry {
                 }
             }
         }
-        if !(bounds.1 - bounds.0).is_finite() {
-            return Err(Error::scene("scene", "its world coordinates overflow"));
-        }
-        if bounds.0 == bounds.1 {
-            let reason = format!("in f64 all of it lies in the one world point {}", bounds.0);
-            return Err(Error::scene("scene", reason));
-        }
+        check_bounds(bounds)?;
         let mut vertices = world.iter();
         let solids: Vec<Solid> = entries
             .iter()
@@ -147,7 +151,10 @@ impl Geometry {
                 Body::Spheres(spheres) => Solid::Spheres(spheres),
             })
             .collect();
-        let mut frame = frame.unwrap_or_else(|| frame::choose(bounds.0, bounds.1, &solids));
+        let mut frame = match frame {
+            Some(frame) => frame,
+            None => frame::choose(bounds.0, bounds.1, &solids)?,
+        };
         frame::check(&mut frame, &solids, |entry| {
             format!("mesh {:?}", entries[entry].name)
         })?;
@@ -164,25 +171,14 @@ impl Geometry {
             };
             positions.par_extend(vertices.par_iter().map(|v| local(v).as_vec3()));
         }
-        let mut spheres = Vec::new();
-        for (entry, e) in entries.iter().enumerate() {
-            let Body::Spheres(list) = &e.shape else {
-                continue;
-            };
-            spheres.extend(list.iter().enumerate().map(|(index, &(c, r))| Sphere {
-                center: frame.to_local(c),
-                radius: r / frame.unit,
-                entry: entry as u32,
-                index: index as u32,
-            }));
-        }
         Ok(Geometry {
             frame,
             positions,
             faces,
             meshes,
-            spheres,
+            spheres: local_spheres(entries, &frame),
             materials: entries.iter().map(|e| e.material).collect(),
+            placed: false,
         })
     }
 
@@ -197,6 +193,7 @@ impl Geometry {
             meshes: self.meshes.clone(),
             spheres: self.spheres.clone(),
             materials: self.materials.clone(),
+            placed: self.placed,
         }
     }
 
@@ -235,6 +232,35 @@ impl Geometry {
     pub fn material(&self, entry: u32) -> &Material {
         &self.materials[entry as usize]
     }
+}
+
+/// Checks a scene's world bounds.
+fn check_bounds(bounds: (DVec3, DVec3)) -> Result<()> {
+    if !(bounds.1 - bounds.0).is_finite() {
+        return Err(Error::scene("scene", "its world coordinates overflow"));
+    }
+    if bounds.0 == bounds.1 {
+        let reason = format!("in f64 all of it lies in the one world point {}", bounds.0);
+        return Err(Error::scene("scene", reason));
+    }
+    Ok(())
+}
+
+/// Spheres of all entries.
+fn local_spheres(entries: &[Entry], frame: &Frame) -> Vec<Sphere> {
+    let mut spheres = Vec::new();
+    for (entry, e) in entries.iter().enumerate() {
+        let Body::Spheres(list) = &e.shape else {
+            continue;
+        };
+        spheres.extend(list.iter().enumerate().map(|(index, &(c, r))| Sphere {
+            center: frame.to_local(c),
+            radius: r / frame.unit,
+            entry: entry as u32,
+            index: index as u32,
+        }));
+    }
+    spheres
 }
 
 fn union(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {

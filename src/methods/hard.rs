@@ -24,6 +24,10 @@ impl Method for Hard {
         "hard"
     }
 
+    fn takes_instances(&self) -> bool {
+        true
+    }
+
     fn prepare(
         &self,
         geometry: Arc<Snapshot>,

@@ -70,7 +70,8 @@ pub(super) fn prepare(
     let scene = scene.shared();
     run(py, progress.as_ref(), move |control| {
         let start = Instant::now();
-        let geometry = scene.snapshot_for(&lights)?;
+        let geometry =
+            scene.snapshot_for_method(&lights, method.name(), method.takes_instances())?;
         let geometry_seconds = start.elapsed().as_secs_f64();
         let local = |light: &Light| light.to_local(&geometry.frame);
         let lights: Vec<Light> = lights.iter().map(local).collect();
@@ -277,8 +278,13 @@ impl Ready {
         // Announced before anything is known of the picture, so that the finished fraction only grows.
         let most = most_groups(&camera);
         control.expect(tile_count(&camera) + most * (1 + lights));
-        let (surface, receivers) =
-            from_camera(geometry, geometry.built_occluders(), &camera, control)?;
+        // What is not in one list of triangles is seen by the hierarchies alone.
+        let occluders = if geometry.placed {
+            Some(geometry.occluders())
+        } else {
+            geometry.built_occluders()
+        };
+        let (surface, receivers) = from_camera(geometry, occluders, &camera, control)?;
         let receivers_seconds = start.elapsed().as_secs_f64();
         control.advance(lights * (most - receivers.group_count()));
         let mut shadings = Vec::with_capacity(lights);

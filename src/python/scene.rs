@@ -12,8 +12,8 @@ use super::run::step;
 use crate::error::{Error, Result};
 use crate::geometry::entry::Material;
 use crate::light::Light;
-use crate::scene::Scene;
 use crate::scene::snapshot::Snapshot;
+use crate::scene::{Instances, Scene};
 
 /// A scene behind a lock, so that Python threads can share it.
 #[pyclass(name = "Scene", module = "softshadow._core", frozen)]
@@ -45,9 +45,14 @@ impl SharedScene {
         f(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The snapshot of the scene as it is now.
-    pub(super) fn snapshot(&self) -> Result<Arc<Snapshot>> {
-        self.with(Scene::snapshot)
+    /// The snapshot in the frame that `lights` want, for a method that takes instances or does not.
+    pub(super) fn snapshot_for_method(
+        &self,
+        lights: &[Light],
+        method: &'static str,
+        takes_instances: bool,
+    ) -> Result<Arc<Snapshot>> {
+        self.with(|scene| scene.snapshot_for_method(lights, method, takes_instances))
     }
 
     /// The snapshot of the entries ([`SharedScene::snapshot`]) in the frame that `lights` want.
@@ -59,8 +64,19 @@ impl SharedScene {
 #[pymethods]
 impl PyScene {
     #[new]
-    fn new() -> Self {
-        PyScene(SharedScene(Arc::default(), Origin::here()))
+    #[pyo3(signature = (instances="auto"))]
+    fn new(instances: &str) -> Result<Self> {
+        let instances = match instances {
+            "auto" => Instances::Auto,
+            "always" => Instances::Always,
+            "never" => Instances::Never,
+            other => {
+                let reason = format!("expected \"auto\", \"always\" or \"never\", got {other:?}");
+                return Err(Error::parameter("instances", reason));
+            }
+        };
+        let scene = Arc::new(Mutex::new(Scene::new(instances)));
+        Ok(PyScene(SharedScene(scene, Origin::here())))
     }
 
     #[pyo3(signature = (name, vertices, faces, albedo, opacity, casts, receives))]
@@ -88,6 +104,25 @@ impl PyScene {
         step(py, || {
             self.with(|scene| scene.add_mesh(name, vertices, &faces, material))
         })
+    }
+
+    #[pyo3(signature = (name, shared, albedo, opacity, casts, receives))]
+    fn add_instance(
+        &self,
+        name: &str,
+        shared: &str,
+        albedo: [f32; 3],
+        opacity: f32,
+        casts: bool,
+        receives: bool,
+    ) -> Result<()> {
+        let material = Material {
+            albedo,
+            opacity,
+            casts,
+            receives,
+        };
+        self.with(|scene| scene.add_instance(name, shared, material))
     }
 
     #[pyo3(signature = (name, centers, radii, albedo, opacity, casts, receives))]

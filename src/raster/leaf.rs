@@ -14,38 +14,47 @@ use crate::camera::Camera;
 /// Most triangles of a leaf.
 pub(crate) const LEAF: usize = 8;
 
+/// Triangles that leaves number.
+#[derive(Clone, Copy)]
+pub(crate) struct Triangles<'a> {
+    /// Their corners, which tell those that are shared.
+    pub(crate) faces: &'a [[u32; 3]],
+    /// What the first is called in the picture.
+    pub(crate) first: u32,
+}
+
 /// Draws leaves into one tile.
 pub(crate) struct LeafPainter<'a> {
     camera: &'a Camera,
-    faces: &'a [[u32; 3]],
     tile: Tile,
     batch: TriangleBatch<LEAF>,
 }
 
 impl<'a> LeafPainter<'a> {
-    /// For triangles of `faces`.
-    pub(crate) fn new(camera: &'a Camera, faces: &'a [[u32; 3]], tile: Tile) -> Self {
+    /// Of what a camera sees in a tile.
+    pub(crate) fn new(camera: &'a Camera, tile: Tile) -> Self {
         let batch = TriangleBatch::new();
         LeafPainter {
             camera,
-            faces,
             tile,
             batch,
         }
     }
 
-    /// Draws `triangles` with these corners, in columns for each corner and axis.
+    /// Draws `triangles` of a mesh with these corners, in columns for each corner and axis.
     #[inline(always)]
     pub(crate) fn draw<S: Simd>(
         &mut self,
         simd: S,
+        mesh: Triangles<'_>,
         triangles: &[u32],
         corners: &[[[f32; LEAF]; 3]; 3],
         sink: &mut Nearest,
     ) {
         let window = Window::tile(self.tile);
         self.batch.look_at(simd, corners, self.camera, window);
-        for (i, &triangle) in triangles.iter().enumerate() {
+        for (i, &face) in triangles.iter().enumerate() {
+            let triangle = mesh.first + face;
             match self.batch.covered(i) {
                 Covered::Nothing => {}
                 Covered::Few(pixels, _) => {
@@ -56,7 +65,7 @@ impl<'a> LeafPainter<'a> {
                     }
                 }
                 Covered::Within(..) | Covered::Unknown => {
-                    let face = &self.faces[triangle as usize];
+                    let face = &mesh.faces[face as usize];
                     let corners = self.batch.corners(i);
                     fill_whole(simd, face, &corners, triangle, self.camera, self.tile, sink);
                 }

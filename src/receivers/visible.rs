@@ -128,11 +128,14 @@ pub fn from_camera(
             match faces {
                 // Most blocks, of a mesh of few triangles.
                 [first, rest @ ..] if *first != NONE && rest.iter().all(|f| f == first) => {
-                    pixels.set_all_corners(geometry.corners(*first));
+                    pixels.set_all_corners(geometry.any_corners(&mut None, *first));
                 }
                 _ => {
                     let seen = faces.iter().enumerate().filter(|(_, f)| **f != NONE);
-                    seen.for_each(|(i, &f)| pixels.set_corners(i, geometry.corners(f)));
+                    let mut last = None;
+                    seen.for_each(|(i, &f)| {
+                        pixels.set_corners(i, geometry.any_corners(&mut last, f));
+                    });
                 }
             }
             pixels.find(camera);

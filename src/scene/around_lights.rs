@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::frame::{Frame, LARGEST, MOVED};
-use crate::geometry::{Geometry, distance};
+use crate::geometry::{Geometry, MeshRange, distance};
 use crate::light::Light;
 
 /// Local size, of itself or of what is between it and the nearest surface, below which a light wants the frame
@@ -67,9 +67,11 @@ pub(crate) fn for_lights(geometry: &Geometry, lights: &[Light]) -> Result<Option
 fn extent(geometry: &Geometry) -> f64 {
     let points = geometry.positions.par_iter();
     let largest = points.map(|p| f64::from(p.abs().max_element()));
+    let largest = largest.reduce(|| 0.0, f64::max);
+    let placed = placed(geometry).map(|(_, (low, high))| low.abs().max(high.abs()).max_element());
     let spheres = geometry.spheres.iter();
     let spheres = spheres.map(|s| s.center.abs().max_element() + s.radius);
-    spheres.fold(largest.reduce(|| 0.0, f64::max), f64::max)
+    spheres.chain(placed).fold(largest, f64::max)
 }
 
 /// Distance of a point from the nearest surface.
@@ -78,5 +80,29 @@ fn clearance(geometry: &Geometry, p: DVec3) -> f64 {
     let of = |face: u32| distance(geometry.corners(face).map(|v| v.as_dvec3()), p);
     let spheres = geometry.spheres.iter();
     let spheres = spheres.map(|s| ((s.center - p).length() - s.radius).abs());
-    spheres.fold(faces.map(of).reduce(|| f64::INFINITY, f64::min), f64::min)
+    let least = spheres.fold(faces.map(of).reduce(|| f64::INFINITY, f64::min), f64::min);
+    // The nearest instances first, until the others are farther away than what is found.
+    let beyond = |(mesh, (low, high)): (_, (DVec3, DVec3))| {
+        // Corners are rounded after their bounds are known.
+        let rounding = f64::from(f32::EPSILON) * low.abs().max(high.abs()).max_element();
+        ((p - p.clamp(low, high)).length() - rounding, mesh)
+    };
+    let mut instances: Vec<(f64, &MeshRange)> = placed(geometry).map(beyond).collect();
+    instances.sort_by(|a, b| a.0.total_cmp(&b.0));
+    instances.iter().fold(least, |least, &(beyond, mesh)| {
+        if beyond > least {
+            return least;
+        }
+        let placement = geometry.placement(mesh);
+        let (vertices, faces) = (mesh.mesh.vertices(), mesh.mesh.faces().par_iter());
+        let corner = |v: u32| placement.local(vertices[v as usize]).as_dvec3();
+        let of = |f: &[u32; 3]| distance(f.map(corner), p);
+        faces.map(of).reduce(|| least, f64::min)
+    })
+}
+
+/// Placed meshes and their local bounds.
+fn placed(geometry: &Geometry) -> impl Iterator<Item = (&MeshRange, (DVec3, DVec3))> {
+    let meshes = geometry.meshes.iter().filter(|_| geometry.placed);
+    meshes.map(|m| (m, geometry.local_bounds(m)))
 }

@@ -5,10 +5,13 @@
 //! bounding volume hierarchy keeps its topology.
 
 pub mod around_lights;
+mod kept;
 pub mod snapshot;
 
 use crate::geometry::entry::{Body, Entry, Material};
+use crate::scene::kept::Kept;
 use crate::scene::snapshot::Snapshot;
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
@@ -17,7 +20,6 @@ use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::memory;
 use crate::mesh::{TriMesh, check_finite};
-use crate::scene::around_lights::for_lights;
 
 /// Bytes that adding a mesh takes for a face and a vertex, and building what methods need of a scene (adjacency,
 /// hierarchy, outlines). Measured on a million triangles: a process grows by 85 MB when they are added, and by 440 MB
@@ -27,18 +29,50 @@ const ADD_VERTEX: usize = 40;
 const BUILD_FACE: usize = 460;
 const BUILD_VERTEX: usize = 64;
 
-/// Named entries and the snapshot built from them.
-#[derive(Debug, Default)]
+/// Most repeated triangles (those of entries whose mesh another entry before them has) that are put in one list with all
+/// others: what is built for them takes 2 GB.
+pub const MOST_REPEATED: usize = 1 << 22;
+
+/// When meshes that several entries share stay what they are, instances.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Instances {
+    /// Where more than [`MOST_REPEATED`] triangles are repeated.
+    #[default]
+    Auto,
+    /// Wherever a method takes them.
+    Always,
+    /// Nowhere: all triangles are put in one list, however many they are.
+    Never,
+}
+
+/// Named entries and the snapshots built from them.
+#[derive(Debug)]
 pub struct Scene {
     entries: Vec<Entry>,
-    current: Option<Arc<Snapshot>>,
-    /// A snapshot with the same entries, but for positions: its topology can be refitted.
-    previous: Option<Arc<Snapshot>>,
-    /// The last snapshot in the frame of lights.
-    around_lights: Option<Arc<Snapshot>>,
+    instances: Instances,
+    /// Snapshots with all triangles in one list.
+    flat: Kept,
+    /// Snapshots with placed meshes.
+    placed: Kept,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Scene::new(Instances::default())
+    }
 }
 
 impl Scene {
+    /// An empty scene.
+    pub fn new(instances: Instances) -> Self {
+        Scene {
+            entries: Vec::new(),
+            instances,
+            flat: Kept::new(false),
+            placed: Kept::new(true),
+        }
+    }
+
     /// The entries, in the order in which they were added.
     pub fn entries(&self) -> &[Entry] {
         &self.entries
@@ -60,6 +94,17 @@ impl Scene {
         let bytes = ADD_FACE * faces.len() + ADD_VERTEX * vertices.len();
         memory::check(|| format!("{what}: adding it"), bytes)?;
         let mesh = Arc::new(TriMesh::new(name, vertices, faces)?);
+        self.push(name, Body::Mesh(mesh, DAffine3::IDENTITY), material);
+        Ok(())
+    }
+
+    /// Adds a mesh that another entry has, which is then stored once; it is not moved.
+    ///
+    /// # Errors
+    /// An unknown `shared` entry, a name that is taken, or an opacity outside 0 to 1.
+    pub fn add_instance(&mut self, name: &str, shared: &str, material: Material) -> Result<()> {
+        self.check_new(name, &format!("mesh {name:?}"), material)?;
+        let mesh = self.mesh_mut(shared)?.0.clone();
         self.push(name, Body::Mesh(mesh, DAffine3::IDENTITY), material);
         Ok(())
     }
@@ -163,23 +208,14 @@ impl Scene {
         Ok(())
     }
 
-    /// Returns the snapshot of the scene as it is now.
+    /// Returns the snapshot of the scene as it is now, with all triangles in one list.
     ///
     /// # Errors
-    /// An empty scene, or one too large for 32-bit indices.
+    /// An empty scene, one too large for 32-bit indices, or more than [`MOST_REPEATED`] repeated triangles.
     pub fn snapshot(&mut self) -> Result<Arc<Snapshot>> {
-        if self.current.is_none() {
-            let sizes = self.entries.iter().filter_map(|e| match &e.shape {
-                Body::Mesh(mesh, _) => Some([mesh.faces().len(), mesh.vertices().len()]),
-                Body::Spheres(_) => None,
-            });
-            let bytes = sizes.map(|[f, v]| BUILD_FACE * f + BUILD_VERTEX * v).sum();
-            memory::check(|| "scene: what is built for it".into(), bytes)?;
-            let built = Snapshot::new(&self.entries, self.previous.as_deref(), None)?;
-            self.previous = None;
-            self.current = Some(Arc::new(built));
-        }
-        Ok(self.current.clone().expect("set above"))
+        self.check_repeated()
+            .map_err(|reason| Error::scene("scene", reason))?;
+        self.flat.snapshot(&self.entries)
     }
 
     /// The snapshot of the entries ([`Scene::snapshot`]) in the frame that `lights` want.
@@ -187,28 +223,64 @@ impl Scene {
     /// # Errors
     /// As of [`Scene::snapshot`], and a light that the scene is too large for.
     pub fn snapshot_for(&mut self, lights: &[Light]) -> Result<Arc<Snapshot>> {
-        let geometry = self.snapshot()?;
-        let Some(frame) = for_lights(&geometry, lights)? else {
-            return Ok(geometry);
-        };
-        let is_in =
-            |g: &&Arc<Snapshot>| g.frame.origin == frame.origin && g.frame.unit == frame.unit;
-        if let Some(known) = self.around_lights.as_ref().filter(is_in) {
-            return Ok(known.clone());
-        }
-        let built = Snapshot::new(&self.entries, Some(&geometry), Some(frame))?;
-        let built = Arc::new(built);
-        // It may want a smaller frame still, but not one that is held.
-        for_lights(&built, lights)?;
-        self.around_lights = Some(built.clone());
-        Ok(built)
+        self.snapshot()?;
+        self.flat.snapshot_for(&self.entries, lights)
     }
 
-    fn moved(&mut self) {
-        self.around_lights = None;
-        if let Some(current) = self.current.take() {
-            self.previous = Some(current);
+    /// The snapshot in the frame that `lights` want, for a method: with meshes placed, where the method takes them and the
+    /// scene is to have them so.
+    ///
+    /// # Errors
+    /// As of [`Scene::snapshot_for`]; [`Error::Unsupported`] for more repeated triangles than may be put in one list.
+    pub fn snapshot_for_method(
+        &mut self,
+        lights: &[Light],
+        method: &'static str,
+        takes_instances: bool,
+    ) -> Result<Arc<Snapshot>> {
+        let placed = match self.instances {
+            Instances::Auto => self.repeated() > MOST_REPEATED,
+            Instances::Always => true,
+            Instances::Never => false,
+        };
+        if placed && takes_instances {
+            return self.placed.snapshot_for(&self.entries, lights);
         }
+        self.check_repeated()
+            .map_err(|reason| Error::Unsupported { method, reason })?;
+        self.flat.snapshot_for(&self.entries, lights)
+    }
+
+    /// Triangles of entries whose mesh an entry before them has.
+    fn repeated(&self) -> usize {
+        let mut known = HashSet::new();
+        let of = |mesh: &Arc<TriMesh>| match known.insert(Arc::as_ptr(mesh)) {
+            true => 0,
+            false => mesh.faces().len(),
+        };
+        self.meshes().map(of).sum()
+    }
+
+    fn meshes(&self) -> impl Iterator<Item = &Arc<TriMesh>> {
+        self.entries.iter().filter_map(|e| match &e.shape {
+            Body::Mesh(mesh, _) => Some(mesh),
+            Body::Spheres(_) => None,
+        })
+    }
+
+    /// Whether all triangles may be put in one list, or why not.
+    fn check_repeated(&self) -> std::result::Result<(), String> {
+        if self.instances == Instances::Never || self.repeated() <= MOST_REPEATED {
+            return Ok(());
+        }
+        let triangles: usize = self.meshes().map(|m| m.faces().len()).sum();
+        let gigabytes = bytes_to_build(self.meshes()) as f64 / 1e9;
+        let (repeated, meshes) = (self.repeated(), self.meshes().count());
+        Err(format!(
+            "it needs the triangles of all {meshes} meshes in one list, {triangles}, which take {gigabytes:.1} GB; of these, \
+             {repeated} are of meshes that are there already, and at most {MOST_REPEATED} of such are put there. \
+             hard and ray_traced take instances as they are; Scene(instances=\"never\") lifts the limit"
+        ))
     }
 
     fn push(&mut self, name: &str, shape: Body, material: Material) {
@@ -220,11 +292,16 @@ impl Scene {
         self.changed();
     }
 
-    /// Something else than positions: nothing of the snapshot can be used again.
+    /// Only positions: the topology of snapshots can be used again.
+    fn moved(&mut self) {
+        self.flat.moved();
+        self.placed.moved();
+    }
+
+    /// Something else than positions: nothing of a flat snapshot can be used again; of the others the trees of meshes can.
     fn changed(&mut self) {
-        self.current = None;
-        self.previous = None;
-        self.around_lights = None;
+        self.flat = Kept::new(false);
+        self.placed.moved();
     }
 
     fn entry_mut(&mut self, name: &str) -> Result<&mut Entry> {
@@ -253,6 +330,12 @@ impl Scene {
             None => Err(Error::scene("scene", format!("no mesh named {name:?}"))),
         }
     }
+}
+
+/// Bytes that building what methods need of meshes takes, each as often as it is there.
+fn bytes_to_build<'a>(meshes: impl Iterator<Item = &'a Arc<TriMesh>>) -> usize {
+    let sizes = meshes.map(|m| (m.faces().len(), m.vertices().len()));
+    sizes.map(|(f, v)| BUILD_FACE * f + BUILD_VERTEX * v).sum()
 }
 
 fn check_opacity(what: &str, material: Material) -> Result<()> {

@@ -39,6 +39,24 @@ impl Snapshot {
         })
     }
 
+    /// As [`Snapshot::new`], with meshes left where they are stored and placed as instances. `previous` may have any
+    /// entries: what it knows of the same meshes is kept.
+    ///
+    /// # Errors
+    /// The errors of [`Geometry::with_placed_meshes`].
+    pub fn placed(
+        entries: &[Entry],
+        previous: Option<&Snapshot>,
+        frame: Option<Frame>,
+    ) -> Result<Self> {
+        let known = previous.and_then(|p| p.occluders.get().or(p.inherited.as_ref()));
+        Ok(Snapshot {
+            geometry: Geometry::with_placed_meshes(entries, frame)?,
+            occluders: OnceLock::new(),
+            inherited: known.cloned(),
+        })
+    }
+
     /// A snapshot with all triangles moved by `f` ([`Geometry::mapped`]).
     pub fn mapped(&self, f: impl Fn(DVec3) -> DVec3 + Sync) -> Arc<Self> {
         Arc::new(Snapshot {
@@ -56,6 +74,7 @@ impl Snapshot {
     /// The hierarchies over everything that casts; built (or refitted) at the first call.
     pub fn occluders(&self) -> &Occluders {
         self.occluders.get_or_init(|| match &self.inherited {
+            known if self.placed => Occluders::placed(self, known.as_ref()),
             Some(known) => known.refitted(self),
             None => Occluders::new(self),
         })

@@ -14,6 +14,7 @@ methods go wrong, with their answers and what each may be off (``hard_cases``).
 
 from softshadow.scenes.basic import bunny_on_plane, city, closed_solids, half_plane, tilted_sheet
 from softshadow.scenes.dense import fur_ball, fur_ribbons, statue, tree
+from softshadow.scenes.forest import forest
 from softshadow.scenes.hard_cases import Answer, Excuse, HardCase, HardCases, hard
 from softshadow.scenes.map_artifacts import ball, oblique_board, stacked_boards, standing_cylinder
 from softshadow.scenes.models import city_path, stanford_bunny_path
@@ -42,6 +43,7 @@ __all__ = [
     "city",
     "city_path",
     "closed_solids",
+    "forest",
     "fork",
     "fur_ball",
     "fur_ribbons",

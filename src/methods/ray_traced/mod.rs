@@ -16,7 +16,7 @@
 //! the same to the last bit as without; tests hold it to that. Most receivers see no edge at all and need
 //! one segment.
 //!
-//! Where culling does not apply: a light that a triangle cuts or touches, spheres in the shaft, a
+//! Where culling does not apply: a scene whose meshes are instances, a light that a triangle cuts or touches, spheres in the shaft, a
 //! sphere light so near that it fills most of the hemisphere, a group with more than `MOST_EDGES`
 //! candidate edges (foliage, hair), or more than pay for its samples (`EDGES_A_SAMPLE`), and some groups
 //! after it (`group::Pause`). Then all samples are traced.
@@ -94,6 +94,10 @@ impl Method for RayTraced {
         "ray_traced"
     }
 
+    fn takes_instances(&self) -> bool {
+        true
+    }
+
     fn prepare(
         &self,
         geometry: Arc<Snapshot>,
@@ -117,7 +121,8 @@ impl Method for RayTraced {
                 let step = |(k, pattern): (usize, &Pattern)| PreparedLight {
                     sampler: Sampler::new(light.clone(), pattern.clone(), self.fixed),
                     // Receivers that need more samples than the first have edges before their light.
-                    cull: self.cull && !cut && k == 0,
+                    // Instances have no list of edges.
+                    cull: self.cull && !cut && k == 0 && occluders.placed.is_none(),
                 };
                 steps.iter().enumerate().map(step).collect()
             })
@@ -291,7 +296,7 @@ impl PreparedRayTraced {
         let occluders = self.geometry.occluders();
         // One segment can stand for a receiver's sums only where it is all or nothing: otherwise they
         // must be made sample by sample, to give the same bits as without culling.
-        let binary = occluders.transparent.is_none() && occluders.spheres.is_none();
+        let binary = occluders.is_binary();
         s.pending.clear();
         s.weights.clear();
         s.sources.clear();

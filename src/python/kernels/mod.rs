@@ -244,7 +244,7 @@ pub(super) mod kernels {
         })?;
         let scene = scene.shared();
         let out = run(py, progress.as_ref(), move |control| {
-            let geometry = scene.snapshot()?;
+            let geometry = scene.snapshot_for_method(&[], "transmittance", true)?;
             let occluders = geometry.occluders();
             let chunks = origins
                 .par_chunks(64 * LANES)
