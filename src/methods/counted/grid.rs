@@ -5,7 +5,8 @@
 //! complexity changes where an edge's image crosses it, and from row to row where one crosses the *border*, the line
 //! from where one row enters the region to where the next does. Every edge adds both to a table of changes; sums
 //! over it are the counts, up to a constant. Nothing outside of the region is looked at, and no edges need to be
-//! known there.
+//! known there. A polygon's region is that of the rectangle around it, over which edges are known, too; its points are
+//! told from the others once they are counted.
 //!
 //! **All loops close.** Which rows an edge crosses is decided by the numbers of rows below its ends, and where it
 //! crosses the border by whether its ends and its crossings of rows lie to the left of it; the ends are the same to
