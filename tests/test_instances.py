@@ -301,5 +301,6 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
     done = fresh.run(program)
     assert done.returncode == 0, done.stderr
-    # Measured: MEASURED MB. The claim is 4 GB for 1,000 trees.
-    assert int(done.stdout) < 1.0e6
+    # Kilobytes. Measured: 202 MB with 1,000 trees and 512 x 512 pixels, of which 100 MB are Python
+    # with its packages; the claim is 4 GB. Flattened, 20 trees take 3 GB.
+    assert int(done.stdout) < 0.6e6

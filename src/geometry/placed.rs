@@ -4,6 +4,8 @@
 //! bit: a corner is moved to world coordinates and then to local ones in `f64`, and rounded once. So whatever is asked of
 //! single triangles has the same answer as where all of them are kept in one list.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -47,15 +49,20 @@ impl Placement {
 }
 
 impl Geometry {
-    /// As [`Geometry::new`], with meshes left in object space.
+    /// As [`Geometry::new`], with meshes left in object space; of those that stand in `known` as they do here, bounds are
+    /// known.
     ///
     /// # Errors
     /// As [`Geometry::new`]; a scene so small that its inverse size overflows.
-    pub fn with_placed_meshes(entries: &[Entry], frame: Option<Frame>) -> Result<Self> {
+    pub fn with_placed_meshes(
+        entries: &[Entry],
+        known: Option<&Geometry>,
+        frame: Option<Frame>,
+    ) -> Result<Self> {
         if entries.is_empty() {
             return Err(Error::scene("scene", "it has no meshes or spheres"));
         }
-        let mut meshes = Vec::new();
+        let mut meshes: Vec<MeshRange> = Vec::new();
         let mut solids = Vec::new();
         let mut count = 0usize;
         let mut bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -72,7 +79,10 @@ impl Geometry {
                             limit: MOST_TRIANGLES,
                         });
                     }
-                    let own = world_bounds(mesh, transform);
+                    let same = known.and_then(|k| k.meshes.get(meshes.len()));
+                    let same =
+                        same.filter(|m| Arc::ptr_eq(&m.mesh, mesh) && m.transform == *transform);
+                    let own = same.map_or_else(|| world_bounds(mesh, transform), |m| m.bounds);
                     if !(own.0.is_finite() && own.1.is_finite() && (own.1 - own.0).is_finite()) {
                         let what = format!("mesh {:?}", e.name);
                         return Err(Error::scene(what, "its world coordinates overflow"));

@@ -51,7 +51,7 @@ impl Snapshot {
     ) -> Result<Self> {
         let known = previous.and_then(|p| p.occluders.get().or(p.inherited.as_ref()));
         Ok(Snapshot {
-            geometry: Geometry::with_placed_meshes(entries, frame)?,
+            geometry: Geometry::with_placed_meshes(entries, previous.map(|p| &p.geometry), frame)?,
             occluders: OnceLock::new(),
             inherited: known.cloned(),
         })
