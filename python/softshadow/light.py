@@ -1,6 +1,7 @@
-"""Area lights: rectangle, disk and sphere, with a constant emitted radiance.
+"""Area lights: rectangle, disk and sphere, with a constant emitted radiance, and distant lights.
 
-Flat lights emit on one side; a sphere emits outwards. Sizes are world units, always. Whatever they
+Flat lights emit on one side; a sphere emits outwards. Sizes are world units, always; a distant
+light has a direction and an angle instead, as the sun has. Whatever they
 are made from, lights hold plain floats and tuples of floats.
 """
 
@@ -149,8 +150,52 @@ class SphereLight(_Light):
         self._store(center=middle, radius=r, radiance=rgb, _core=core)
 
 
-Light: TypeAlias = "RectLight | DiskLight | SphereLight"
-"""Any of the three light shapes."""
+@dataclass(frozen=True, init=False)
+class DistantLight(_Light):
+    """A disk at infinity, such as the sun: the same from everywhere.
+
+    Visibility is the fraction of its directions, uniform in solid angle, that nothing blocks.
+
+    Parameters
+    ----------
+    direction : array_like, shape (3,)
+        In which its light travels; any length but zero.
+    angle_deg : float
+        The whole angle that its disk spans, in degrees: 0, or 1e-90 to less than 180. The sun's is
+        0.53. Zero makes a parallel light, for methods that allow it.
+    irradiance : float or array_like of shape (3,)
+        What it casts on a surface across its direction, whatever its angle, linear RGB: 0, or
+        1.2e-38 to 3.4e38 (kernels work in single precision). Its radiance is
+        ``irradiance / (pi * sin(angle_deg / 2)**2)``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite or no number, the direction is zero or the angle out of its range.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> sun = ss.DistantLight(direction=(0.5, 0, -1), irradiance=3)
+    >>> sun.angle_deg, sun.irradiance
+    (0.53, (3.0, 3.0, 3.0))
+    """
+
+    direction: Triple
+    angle_deg: float
+    irradiance: Triple
+    _core: _core.Light = field(init=False, repr=False, compare=False)
+
+    def __init__(self, direction: Vector, angle_deg: float = 0.53, irradiance: RGB = 1.0) -> None:
+        d = as_vector(direction, "DistantLight.direction")
+        angle = number(angle_deg, "DistantLight.angle_deg", "a number from 0 to less than 180")
+        rgb = as_rgb(irradiance, "DistantLight.irradiance")
+        core = _core.Light.distant(d, angle, rgb)
+        self._store(direction=d, angle_deg=angle, irradiance=rgb, _core=core)
+
+
+Light: TypeAlias = "RectLight | DiskLight | SphereLight | DistantLight"
+"""Any of the light shapes."""
 
 LightLike: TypeAlias = "Light | Sequence[Light]"
 """One light, or several."""
@@ -164,11 +209,16 @@ def as_lights(light: LightLike) -> tuple[list[Light], bool]:
     TypeError
         If it is neither a light nor a sequence of lights.
     """
-    if isinstance(light, (RectLight, DiskLight, SphereLight)):
+    if isinstance(light, _Light):
         return [light], True
     if not isinstance(light, Sequence) or not len(light):
         raise TypeError(f"light: expected a light or a sequence of lights, got {light!r}")
     for item in light:
-        if not isinstance(item, (RectLight, DiskLight, SphereLight)):
+        if not isinstance(item, _Light):
             raise TypeError(f"light: expected lights in the sequence, got {type(item).__name__}")
     return list(light), False
+
+
+def strength(light: Light) -> Triple:
+    """Return what closed forms, at radiance 1, are multiplied by; of a distant one its irradiance."""
+    return light.irradiance if isinstance(light, DistantLight) else light.radiance

@@ -170,7 +170,7 @@ impl Light {
             Shape::Sphere(SphereLight { center, radius }) => {
                 Some(Branchless::Sphere(center, radius))
             }
-            Shape::Disk(..) => None,
+            Shape::Disk(..) | Shape::Distant(..) => None,
         };
         if let Some(simple) = simple {
             many.find(simple, irradiance);

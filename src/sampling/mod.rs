@@ -11,7 +11,7 @@
 //! each light's (Minkowski), so as a part of the light never more than those of the worst light alone.
 //!
 //! Flat lights are sampled uniformly in area, spheres uniformly in the solid angle of the cap that
-//! the receiver sees. Disks and caps use Shirley and Chiu's concentric map.
+//! the receiver sees; a distant light is a cap that all receivers share. Disks and caps use Shirley and Chiu's concentric map.
 //!
 //! Light points are moved off the light towards the receiver's side by [`POINT_OFFSET`] so that an
 //! occluder that touches the light from behind does not hide it.
@@ -77,7 +77,7 @@ impl Sampler {
             let area = match light.shape {
                 Shape::Rect(RectLight { u, v, .. }) => u.cross(v).length(),
                 Shape::Disk(DiskLight { radius, .. }) => PI * radius * radius,
-                Shape::Sphere(_) => 0.0,
+                Shape::Sphere(_) | Shape::Distant(_) => 0.0,
             };
             Flat {
                 center,

@@ -107,7 +107,7 @@ fn flat(
     // Along an edge, so that its samples fill the view's columns and rows evenly.
     let right = match light.shape {
         Shape::Rect(RectLight { u, .. }) => u.try_normalize(),
-        Shape::Disk(..) | Shape::Sphere(..) => None,
+        Shape::Disk(..) | Shape::Sphere(..) | Shape::Distant(..) => None,
     };
     let right = right.unwrap_or_else(|| normal.any_orthonormal_vector());
     let rotation = DMat3::from_cols(right, normal.cross(right), normal).transpose();

@@ -125,6 +125,9 @@ impl Method for Convolution {
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
         Casters::new(self.name(), geometry.clone(), self.layout.opaque)?;
+        for light in lights {
+            light.check_disk(self.name())?;
+        }
         let atlas = Atlas::new(geometry, lights, self.layout, control)?.fitted();
         Ok(Box::new(Pictures::new(atlas, *self)))
     }

@@ -85,6 +85,11 @@ impl DoubledLight {
                 kind: DoubledOutline::Sphere(2.0 * radius),
                 reach: 2.0 * radius,
             },
+            Shape::Distant(distant) => DoubledLight {
+                target,
+                kind: DoubledOutline::Sphere(2.0 * distant.disk_radius()),
+                reach: 2.0 * distant.disk_radius(),
+            },
         }
     }
 

@@ -81,7 +81,7 @@ impl PlaneWedge {
                     let (a, b) = (u.dot(wedge.outside).abs(), v.dot(wedge.outside).abs());
                     (a.min(b) / (a + b)) as f32
                 }
-                Shape::Disk(_) | Shape::Sphere(_) => -1.0,
+                Shape::Disk(_) | Shape::Sphere(_) | Shape::Distant(_) => -1.0,
             },
         }
     }
