@@ -23,7 +23,7 @@ from softshadow._core import __version__
 from softshadow.camera import Camera
 from softshadow.extras import needs
 from softshadow.images import check_path, write
-from softshadow.light import DiskLight, Light, LightLike, RectLight, SphereLight
+from softshadow.light import DiskLight, DistantLight, Light, LightLike, RectLight, SphereLight
 from softshadow.loading import frame, load
 from softshadow.methods import Method, method_names, resolve
 from softshadow.render import render as render_image
@@ -60,6 +60,7 @@ _LIGHT_FORMS = {
     "rect": "rect:cx,cy,cz,ux,uy,uz,vx,vy,vz",
     "disk": "disk:cx,cy,cz,nx,ny,nz,r",
     "sphere": "sphere:cx,cy,cz,r",
+    "distant": "distant:dx,dy,dz:angle",
 }
 """Kinds of ``--light`` and what follows them; the commas count the numbers."""
 
@@ -71,7 +72,8 @@ def parse_light(text: str) -> Light:
     ----------
     text : str
         ``rect:`` center and two full edge vectors (9 numbers; it emits towards u × v), ``disk:``
-        center, normal and radius (7), or ``sphere:`` center and radius (4), separated by commas.
+        center, normal and radius (7), or ``sphere:`` center and radius (4), separated by commas;
+        or ``distant:`` direction (3), and after a colon the angle in degrees, which may be left out.
 
     Raises
     ------
@@ -82,6 +84,10 @@ def parse_light(text: str) -> Light:
     form = _LIGHT_FORMS.get(kind)
     if form is None:
         raise ValueError(f"--light {text!r}: expected one of {' | '.join(_LIGHT_FORMS.values())}")
+    if kind == "distant":
+        direction, colon, angle = rest.partition(":")
+        d = _numbers(direction, 3, f"--light {text!r}", form)
+        return DistantLight(d, *_numbers(angle, 1, f"--light {text!r}", form) if colon else ())
     n = _numbers(rest, form.count(",") + 1, f"--light {text!r}", form)
     if kind == "rect":
         return RectLight(n[0:3], n[3:6], n[6:9])

@@ -91,8 +91,8 @@ impl Light {
             return Ok(());
         }
         let reason = format!(
-            "of a DistantLight it takes an angle_deg of up to {WIDEST_DISK}; hard, ray_traced, counted and accumulation \
-             take any"
+            "of a DistantLight it takes an angle_deg of up to {WIDEST_DISK}; hard, ray_traced, \
+             counted, single_sample and accumulation take any"
         );
         Err(Error::Unsupported { method, reason })
     }

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from softshadow.camera import Camera
 from softshadow.entries import Spheres
-from softshadow.light import DiskLight, Light, RectLight, SphereLight
+from softshadow.light import DiskLight, DistantLight, Light, RectLight, SphereLight
 from softshadow.loading import Setup, warn_of
 from softshadow.mitsuba.bridge import variant_set
 from softshadow.scene import Scene
@@ -148,8 +148,13 @@ def _read(mi: ModuleType, scene: Any) -> tuple[Setup, list[str]]:
         elif not _add(mi, result, shape, kind, what, left_out):
             left_out.append(what)
     for emitter in scene.emitters():
-        if not mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface):  # told with its shape
+        if mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface):
+            continue  # told with its shape
+        parallel = _parallel(mi, emitter)
+        if parallel is None:
             left_out.append(_called(emitter))
+        else:
+            lights.append(parallel)
     cameras: list[Camera] = []
     for sensor in scene.sensors():
         camera = _camera(mi, sensor)
@@ -301,6 +306,16 @@ def _light(mi: ModuleType, shape: Any, kind: str) -> Light | None:
     if max(stretched, sheared) > _ROUNDING * lengths[0] * lengths[1]:  # an ellipse
         return None
     return DiskLight(center, normal, lengths[0], radiance)
+
+
+def _parallel(mi: ModuleType, emitter: Any) -> DistantLight | None:
+    """Return a directional emitter as ours; None where it is something else."""
+    if _kind(emitter) != "DirectionalEmitter":
+        return None
+    irradiance = _colour(mi, _children(mi, emitter)["irradiance"])
+    # Along z of its own space.
+    direction = _matrix(mi, emitter)[:3, 2]
+    return None if irradiance is None else DistantLight(direction, 0, irradiance)
 
 
 def _camera(mi: ModuleType, sensor: Any) -> Camera | None:

@@ -113,9 +113,6 @@ impl SingleSample {
         control: &Control,
     ) -> Result<PreparedSingleSample> {
         control.check()?;
-        for light in lights {
-            light.check_disk(self.name())?;
-        }
         let entries = geometry.meshes.iter().map(|m| m.entry);
         let entries = entries.chain(geometry.spheres.iter().map(|s| s.entry));
         let casts = entries.map(|e| geometry.material(e)).filter(|m| m.casts);
