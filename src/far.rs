@@ -14,10 +14,11 @@
 //! - Directions from the scene's middle stay. A sphere keeps the cone in which the middle sees it; other points
 //!   see it under an angle that is wrong by its own square over `NEAR`.
 //!
-//! A distant light is the limit, a cap of directions that becomes a sphere with that cone: with `cos` that of half its
-//! angle, `α = 1 / (NEAR cos²)` moves all that is infinitely far to the plane of the sphere's outline. Parallel lines meet
-//! there, so that planes along the light's direction become planes through its middle, and a view from there is what a
-//! parallel projection is to the scene. Where the tangent plane cuts the light, its closed form decides.
+//! A distant light is the limit: its cap of directions becomes a sphere with that cone. With `cos` that of half its
+//! angle, `α = 1 / (NEAR cos²)` moves all that is infinitely far to the plane of the sphere's outline, so that nothing
+//! of a scene reaches the sphere. Parallel lines meet there, planes along the light's direction become planes through
+//! the outline's middle, and a view from there is a parallel projection of the scene. No receiver sees more than what is
+//! above its tangent plane by the cap's closed form, whose signs the map has to rounding only.
 //!
 //! The light may be at any distance: in `T` it is at `NEAR`, or as near as a scene allows that reaches far beyond its
 //! middle. Lengths of the scene change by parts of 1 / `NEAR`, and with them a method's thresholds.
@@ -428,6 +429,32 @@ mod tests {
             assert!(off < 1e-12, "{distance}: {off}");
             assert!(((rim - p).dot(on - p)) > 0.0);
         }
+    }
+
+    #[test]
+    fn a_light_at_infinity_is_moved_as_spheres_in_the_limit() {
+        let towards = DVec3::new(0.3, -0.5, 0.8).normalize();
+        for angle in [0.0, 0.53, 60.0, 150.0] {
+            let light = Light::distant(-towards, angle, [1.0; 3]).unwrap();
+            let (moved, near) = Moved::new(&light, NEAR).unwrap();
+            let sin = (0.5 * angle).to_radians().sin();
+            for distance in [1e6, 1e12] {
+                let sphere = Light::sphere(towards * distance, sin * distance, [1.0; 3]);
+                let (limit, expected) = Moved::new(&sphere.unwrap(), NEAR).unwrap();
+                let off = (limit.slope - moved.slope).length() / moved.slope.length();
+                assert!(off < 2.0 * NEAR / distance, "{angle} {distance}: {off}");
+                assert!((near.center() - expected.center()).length() < 1e-9);
+                let [a, b] = [near, expected].map(|l| l.as_sphere().unwrap().radius);
+                assert!((a - b).abs() < 1e-9);
+            }
+            // Parallel lines along the direction meet in the middle of the outline, as all that is so far does.
+            let p = DVec3::new(0.2, 0.7, -0.4);
+            let end = moved.point(p + towards * 1e12);
+            let outline = near.center() * (1.0 - sin * sin);
+            assert!((end - outline).length() < 1e-6, "{angle}: {end} {outline}");
+        }
+        let wide = Light::distant(-towards, 179.9, [1.0; 3]).unwrap();
+        assert!(Moved::new(&wide, DIRECT).is_none());
     }
 
     #[test]

@@ -73,7 +73,7 @@ def parse_light(text: str) -> Light:
     text : str
         ``rect:`` center and two full edge vectors (9 numbers; it emits towards u × v), ``disk:``
         center, normal and radius (7), or ``sphere:`` center and radius (4), separated by commas;
-        or ``distant:`` direction (3), and after a colon the angle in degrees, which may be left out.
+        or ``distant:`` direction (3), after which ``:`` and the angle in degrees may follow.
 
     Raises
     ------

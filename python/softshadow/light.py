@@ -194,7 +194,10 @@ class DistantLight(_Light):
         self._store(direction=d, angle_deg=angle, irradiance=rgb, _core=core)
 
 
-Light: TypeAlias = "RectLight | DiskLight | SphereLight | DistantLight"
+PlacedLight: TypeAlias = "RectLight | DiskLight | SphereLight"
+"""Any light that is somewhere."""
+
+Light: TypeAlias = "PlacedLight | DistantLight"
 """Any of the light shapes."""
 
 LightLike: TypeAlias = "Light | Sequence[Light]"
@@ -220,5 +223,5 @@ def as_lights(light: LightLike) -> tuple[list[Light], bool]:
 
 
 def strength(light: Light) -> Triple:
-    """Return what closed forms, at radiance 1, are multiplied by; of a distant one its irradiance."""
+    """Return what closed forms are multiplied by: radiance, of a distant light irradiance."""
     return light.irradiance if isinstance(light, DistantLight) else light.radiance

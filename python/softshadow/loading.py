@@ -57,9 +57,9 @@ def load(
     """Return a file's scene, camera and lights.
 
     Understood are Mitsuba 3 XML files (see `softshadow.mitsuba.from_scene`), glTF and GLB files
-    (nodes, base colours, alpha, perspective cameras, point and directional lights), and model files as of
-    `Scene.load`, which have neither camera nor lights. All else that a file holds is listed in one
-    warning.
+    (nodes, base colours, alpha, perspective cameras, point and directional lights), and model files
+    as of `Scene.load`, which have neither camera nor lights. All else that a file holds is listed
+    in one warning.
 
     Parameters
     ----------

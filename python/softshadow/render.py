@@ -313,7 +313,8 @@ def shadowed_irradiance(
 ) -> npt.NDArray[np.float64]:
     """Return the closed form of the unshadowed irradiance, times visibility over its part.
 
-    Of a light of radiance 1 (a distant one: of irradiance 1); positions and normals have one axis more than the visibility.
+    Of a light of radiance 1 (a distant one: of irradiance 1); positions and normals have one axis
+    more than the visibility.
     """
     p, n = positions.reshape(-1, 3), np.ascontiguousarray(normals.reshape(-1, 3))
     part = kernels.light_fraction_above(light, p, n)

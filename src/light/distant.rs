@@ -199,12 +199,92 @@ impl DistantLight {
         cut_sphere_irradiance(self.sin, 1.0, cos) / (PI * self.sin * self.sin)
     }
 
-    pub(super) fn slopes(
-        &self,
-        point: DVec3,
-        distance: f64,
-        axes: [DVec3; 2],
-    ) -> Option<[f64; 2]> {
+    pub(super) fn slopes(&self, point: DVec3, distance: f64, axes: [DVec3; 2]) -> Option<[f64; 2]> {
         self.stand_in().slopes(point, distance, axes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn light(angle: f64) -> (Light, DistantLight) {
+        let direction = DVec3::new(-0.5, 0.3, -0.8);
+        let light = Light::distant(direction, angle, [1.0; 3]).unwrap();
+        (light, light.as_distant().unwrap())
+    }
+
+    #[test]
+    fn bounds_and_farthest_points_hold_all_directions_and_touch_them() {
+        for angle in [0.0, 0.53, 60.0, 150.0, 179.999] {
+            let (light, distant) = light(angle);
+            let (low, high) = light.bounds();
+            let e = distant.towards.any_orthonormal_vector();
+            let f = distant.towards.cross(e);
+            let (mut least, mut most) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            let axis = DVec3::new(0.2, 0.9, -0.4).normalize();
+            let mut along = f64::NEG_INFINITY;
+            for i in 0..400 {
+                let turn = f64::from(i) * std::f64::consts::TAU / 400.0;
+                for part in 0..=40 {
+                    let (sin, cos) = (f64::from(part) / 80.0 * angle.to_radians()).sin_cos();
+                    let p = distant.towards * cos + (e * turn.cos() + f * turn.sin()) * sin;
+                    let p = p * FARTHEST;
+                    (least, most) = (least.min(p), most.max(p));
+                    along = along.max(axis.dot(p));
+                }
+            }
+            // Of 400 times 40 directions: half a step of a cap's width, squared.
+            let slack = 2e-3 * FARTHEST;
+            assert!((least - low).min_element() > -1e-9 * FARTHEST, "{angle}");
+            assert!((high - most).min_element() > -1e-9 * FARTHEST, "{angle}");
+            assert!(
+                (least - low).max((high - most)).max_element() < slack,
+                "{angle}"
+            );
+            let farthest = axis.dot(light.farthest(axis));
+            assert!(
+                (0.0..slack).contains(&(farthest - along + 1e-9 * FARTHEST)),
+                "{angle}"
+            );
+            assert!((light.reach(axis) + axis.dot(light.center()) - farthest).abs() < 1.0);
+        }
+    }
+
+    #[test]
+    fn it_sends_what_a_sphere_of_its_angle_does_and_a_parallel_one_the_cosine() {
+        for angle in [1e-6, 0.53, 60.0, 179.0] {
+            let (light, distant) = light(angle);
+            let sphere = Light::sphere(distant.towards, distant.sin, [1.0; 3]).unwrap();
+            let across = distant.towards.any_orthonormal_vector();
+            for k in -20..=20 {
+                let height = f64::from(k) / 16.0 * distant.sin.min(0.8);
+                let n = height * distant.towards + (1.0 - height * height).sqrt() * across;
+                let (h, e) = (
+                    light.fraction_above(across, n),
+                    light.unshadowed_irradiance(across, n),
+                );
+                assert!((h - sphere.fraction_above(DVec3::ZERO, n)).abs() < 1e-9);
+                let scale = PI * distant.sin * distant.sin;
+                let expected = sphere.unshadowed_irradiance(DVec3::ZERO, n) / scale;
+                assert!(
+                    (e - expected).abs() < 1e-9 * distant.sin,
+                    "{angle} {k}: {e} {expected}"
+                );
+            }
+        }
+        let (light, distant) = light(0.0);
+        let across = distant.towards.any_orthonormal_vector();
+        assert_eq!(
+            light.fraction_above(
+                across,
+                across - across.dot(distant.towards) * distant.towards
+            ),
+            0.0
+        );
+        let n = (distant.towards + across).normalize();
+        let e = light.unshadowed_irradiance(across, n);
+        assert!((e - 0.5f64.sqrt()).abs() < 1e-15);
+        assert_eq!(light.unshadowed_irradiance(across, -n), 0.0);
     }
 }

@@ -85,6 +85,10 @@ mod tests {
                     center + radius * (turn(i) * (1.0 - z * z).max(0.0).sqrt() + z * DVec3::Z)
                 })
                 .collect(),
+            Shape::Distant(distant) => points(&Light {
+                shape: Shape::Sphere(distant.stand_in()),
+                ..*light
+            }),
         }
     }
 

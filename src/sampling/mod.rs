@@ -232,6 +232,7 @@ mod tests {
             .unwrap(),
             Light::disk(c, DVec3::new(0.1, 0.2, -1.0), 0.4, [1.0; 3]).unwrap(),
             Light::sphere(c, 0.4, [1.0; 3]).unwrap(),
+            Light::distant(-c, 40.0, [1.0; 3]).unwrap(),
         ];
         let p = DVec3::new(-0.1, 0.2, 0.0);
         for light in lights {

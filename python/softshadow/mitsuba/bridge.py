@@ -33,8 +33,8 @@ _LAUNCH = 1 << 20
 milliseconds is small beside a million rays, and they take some 100 MB."""
 
 _FAR = 1e4
-"""Scene diameters to the disk that stands for a distant light: far enough for directions to differ by
-less than 1e-4 across the scene, near enough for single precision to tell them apart by less than
+"""Scene diameters to the disk that stands for a distant light: far enough for directions to differ
+by less than 1e-4 across the scene, near enough for single precision to tell them apart by less than
 1e-6."""
 
 _WIDEST = 170.0
@@ -326,8 +326,8 @@ def render(
         for number, one in enumerate(lights):
             description = scene_dict(scene, camera, one)
             transparent = description["integrator"]["type"] == "volpath"
-            # One call of `direct` takes many light samples; `volpath` takes one, and of several of a
-            # parallel light `direct` adds each in full (3.9.1).
+            # One call of `direct` takes many light samples; `volpath` takes one, and of a parallel
+            # light `direct` counts each in full (3.9.1).
             parallel = description["light"]["type"] == "directional"
             batches = samples if transparent or parallel else _divisor(samples, _BATCHES)
             if not centre_rays:
