@@ -4,7 +4,7 @@
 //! forms of the cap. Such a light has no radiance of its own but the irradiance that it casts across its direction, so
 //! that an angle of 0 is a parallel light by the same formulas.
 //!
-//! What needs a place, such as the end of a shadow ray, has one at [`FARTHEST`] local units. Segments to it are parallel:
+//! What needs a place, such as the end of a shadow ray, has one at `FARTHEST`, 2⁴⁰ local units. Segments to it are parallel:
 //! an `f32` at that distance has steps of 2¹⁷, so a receiver within the unit changes nothing in a component of more than
 //! 2⁻¹⁶ and less than 2⁻⁴⁰ in the others, where the direction itself has 2⁻²⁴. Light samples start from their receiver, so
 //! that this holds in scenes of any size; a target that receivers share (`hard`, `single_sample`, `convolution`) is off by
@@ -24,15 +24,17 @@ use crate::frame::{Frame, LARGEST};
 /// A disk at infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DistantLight {
-    /// Where rays to its middle end, in any frame.
+    /// Where rays to its middle end, in local units from the scene's middle, whatever the frame.
     pub center: DVec3,
+    /// How far that is.
+    pub distance: f64,
     /// Direction to its middle, unit length.
     pub towards: DVec3,
     /// Sine of half of the angle that it spans.
     pub sin: f64,
     /// Cosine of half of the angle that it spans.
     pub cos: f64,
-    /// How far receivers may be from the middle, where that is more than a part of `FARTHEST` that rounding has anyway.
+    /// How far receivers may be from the middle, where that is more than the rounding of what is so far.
     spread: f64,
 }
 
@@ -64,6 +66,7 @@ impl Light {
         Ok(Light {
             shape: Shape::Distant(DistantLight {
                 center: -direction * FARTHEST,
+                distance: FARTHEST,
                 towards: -direction,
                 sin,
                 cos,
@@ -108,7 +111,7 @@ impl DistantLight {
     pub fn stand_in(&self) -> SphereLight {
         SphereLight {
             center: self.center,
-            radius: FARTHEST * self.sin,
+            radius: self.distance * self.sin,
         }
     }
 
@@ -118,9 +121,9 @@ impl DistantLight {
         2.0 / (1.0 + self.cos)
     }
 
-    /// Radius of the disk across its direction that fills the cap, at [`FARTHEST`].
+    /// Radius of the disk across its direction that fills the cap, where its middle is.
     pub fn disk_radius(&self) -> f64 {
-        FARTHEST * self.sin / self.cos
+        self.distance * self.sin / self.cos
     }
 
     /// The same light for a scene in this frame.
@@ -131,13 +134,22 @@ impl DistantLight {
         })
     }
 
-    pub(super) fn mapped(&self, _: impl Fn(DVec3) -> DVec3, _: impl Fn(f64) -> f64) -> Shape {
-        Shape::Distant(*self)
+    /// Moves the place that stands for it, which is to stay in its direction; the light is the same.
+    pub(super) fn mapped(
+        &self,
+        point: impl Fn(DVec3) -> DVec3,
+        length: impl Fn(f64) -> f64,
+    ) -> Shape {
+        Shape::Distant(DistantLight {
+            center: point(self.center),
+            distance: length(self.distance),
+            ..*self
+        })
     }
 
-    /// Bounds of all points at [`FARTHEST`] from a receiver, whichever it is.
+    /// Bounds of all points that are so far from a receiver, whichever it is.
     pub(super) fn bounds(&self) -> (DVec3, DVec3) {
-        let most = |cos: f64| FARTHEST * self.most(cos) + self.spread;
+        let most = |cos: f64| self.distance * self.most(cos) + self.spread;
         (-(-self.towards).map(most), self.towards.map(most))
     }
 
@@ -170,10 +182,10 @@ impl DistantLight {
     pub(super) fn farthest(&self, direction: DVec3) -> DVec3 {
         let along = direction.dot(self.towards);
         if along >= self.cos {
-            return direction * FARTHEST;
+            return direction * self.distance;
         }
         let across = (direction - along * self.towards).normalize_or_zero();
-        (self.towards * self.cos + across * self.sin) * FARTHEST
+        (self.towards * self.cos + across * self.sin) * self.distance
     }
 
     pub(super) fn half_axes(&self, towards: DVec3) -> (DVec3, DVec3, bool) {
@@ -239,7 +251,7 @@ mod tests {
             assert!((least - low).min_element() > -1e-9 * FARTHEST, "{angle}");
             assert!((high - most).min_element() > -1e-9 * FARTHEST, "{angle}");
             assert!(
-                (least - low).max((high - most)).max_element() < slack,
+                (least - low).max(high - most).max_element() < slack,
                 "{angle}"
             );
             let farthest = axis.dot(light.farthest(axis));

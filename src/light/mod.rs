@@ -32,7 +32,7 @@ pub use sphere::SphereLight;
 
 /// Local distance, in scene sizes, at which farther lights are put, along the same line and under the same angle: they
 /// differ by less than a ten-thousandth of an `f32`'s ulp, and products of coordinates stay finite.
-pub(crate) const FARTHEST: f64 = (1u64 << 40) as f64;
+const FARTHEST: f64 = (1u64 << 40) as f64;
 
 /// Half width of a local light below which it is a point: the scene's coordinates are not known any better.
 const POINT: f64 = f32::EPSILON as f64;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use crate::light::{DistantLight, FARTHEST, Light, SphereLight};
+use crate::light::{DistantLight, Light, SphereLight};
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Flat {
@@ -71,7 +71,7 @@ impl Cap {
             axis,
             e1,
             e2: axis.cross(e1),
-            distance: FARTHEST,
+            distance: light.distance,
             // In the middle, so that nothing of the scene is behind any of it.
             radius: 0.0,
             sin: light.sin,

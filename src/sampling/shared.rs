@@ -13,7 +13,7 @@ use glam::DVec3;
 use super::fill::coordinates;
 use super::{LightSamples, Sampler};
 use crate::frame::POINT_OFFSET;
-use crate::light::{DistantLight, FARTHEST, SphereLight};
+use crate::light::{DistantLight, SphereLight};
 use crate::simd::LANES;
 
 /// A light point in local coordinates.
@@ -52,8 +52,8 @@ impl Sampler {
         (0..self.len()).map(point).collect()
     }
 
-    /// Directions, all the same for all receivers: points [`FARTHEST`] from the region's middle, that each stand for as
-    /// much of the cap.
+    /// Directions, all the same for all receivers: points that are far from the region's middle, and each stand for as much of
+    /// the cap.
     fn shared_distant(&self, light: &DistantLight, corners: &[DVec3]) -> Vec<SharedPoint> {
         let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
         let (e1, e2) = light.towards.any_orthonormal_pair();
@@ -66,9 +66,9 @@ impl Sampler {
             let stretch = (height * (2.0 - fall)).sqrt();
             let direction = light.towards * (1.0 - fall) + (e1 * x + e2 * y) * stretch;
             SharedPoint {
-                position: middle + direction * FARTHEST,
+                position: middle + direction * light.distance,
                 normal: -direction,
-                area: FARTHEST * FARTHEST,
+                area: light.distance * light.distance,
             }
         };
         (0..self.len()).map(point).collect()
