@@ -14,6 +14,12 @@
 //! - Directions from the scene's middle stay. A sphere keeps the cone in which the middle sees it; other points
 //!   see it under an angle that is wrong by its own square over `NEAR`.
 //!
+//! A distant light is the limit: its cap of directions becomes a sphere with that cone. With `cos` that of half its
+//! angle, `α = 1 / (NEAR cos²)` moves all that is infinitely far to the plane of the sphere's outline, so that nothing
+//! of a scene reaches the sphere. Parallel lines meet there, planes along the light's direction become planes through
+//! the outline's middle, and a view from there is a parallel projection of the scene. No receiver sees more than what is
+//! above its tangent plane by the cap's closed form, whose signs the map has to rounding only.
+//!
 //! The light may be at any distance: in `T` it is at `NEAR`, or as near as a scene allows that reaches far beyond its
 //! middle. Lengths of the scene change by parts of 1 / `NEAR`, and with them a method's thresholds.
 //!
@@ -31,7 +37,7 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::geometry::Geometry;
-use crate::light::{Light, SphereLight};
+use crate::light::{DistantLight, Light, Shape, SphereLight};
 use crate::method::{Method, Prepared, Shading};
 use crate::raster::nearest::NONE;
 use crate::receivers::Receivers;
@@ -69,19 +75,30 @@ pub fn prepare(
     let mut far = Vec::new();
     let mut places = Vec::with_capacity(lights.len());
     for light in lights {
+        if method.reach().is_finite() {
+            light.check_disk(method.name())?;
+        }
         if distance(light) <= method.reach() {
             places.push((0, near.len()));
             near.push(light.clone());
             continue;
         }
         match Moved::holding(light, &geometry, most) {
-            Some(found) => {
+            Some((moved, brought)) => {
                 places.push((1 + far.len(), 0));
-                far.push(found);
+                far.push((moved, brought, light.as_distant().map(|_| light.clone())));
             }
             None if distance(light) <= most => {
                 places.push((0, near.len()));
                 near.push(light.clone());
+            }
+            None if light.as_distant().is_some() => {
+                let reason = format!(
+                    "it slants over a scene that reaches far beyond its middle: so {} cannot tell what hides the light; \
+                     ray_traced, hard and accumulation can",
+                    method.name(),
+                );
+                return Err(Error::parameter("light", reason));
             }
             None => {
                 let reason = format!(
@@ -100,14 +117,16 @@ pub fn prepare(
     // The first part is that of near lights, also where there are none.
     let mut parts = vec![Part {
         moved: None,
+        distant: None,
         prepared: method.prepare(geometry.clone(), &near, control)?,
     }];
-    for (moved, brought) in far {
+    for (moved, brought, distant) in far {
         control.check()?;
         let scene = geometry.mapped(|p| moved.point(p));
         parts.push(Part {
             prepared: method.prepare(scene.clone(), &[brought], control)?,
             moved: Some((moved, scene)),
+            distant,
         });
     }
     Ok(Box::new(PreparedFar {
@@ -149,6 +168,9 @@ impl Moved {
     /// The map that brings a local light to a distance, and the light in it; nothing if the light's plane goes through
     /// the scene's middle, or a sphere is as near as large.
     fn new(light: &Light, brought: f64) -> Option<(Moved, Light)> {
+        if let Some(distant) = light.as_distant() {
+            return Moved::from_infinity(light, &distant, brought);
+        }
         let center = light.center();
         let distance = center.length();
         // What of the light keeps its directions: a flat light's middle, the outline of a sphere.
@@ -177,6 +199,25 @@ impl Moved {
             slope: alpha * towards,
         };
         Some((moved, light.mapped(|p| p * scale, |x| x * scale)))
+    }
+
+    fn from_infinity(
+        light: &Light,
+        distant: &DistantLight,
+        brought: f64,
+    ) -> Option<(Moved, Light)> {
+        let outline = brought * distant.cos * distant.cos;
+        if outline < OUTLINE {
+            return None;
+        }
+        let center = distant.towards * brought;
+        let radius = distant.sin * brought;
+        let moved = Moved {
+            slope: distant.towards / outline,
+        };
+        let shape = Shape::Sphere(SphereLight { center, radius });
+        let radiance = light.radiance;
+        Some((moved, Light { shape, radiance }))
     }
 
     fn weight(&self, p: DVec3) -> f64 {
@@ -278,6 +319,8 @@ fn on_triangle([a, b, c]: [Vec3; 3], p: DVec3, n: DVec3) -> (DVec3, DVec3) {
 struct Part {
     /// For lights that were far away: the projective map that brought them near, and the scene as that map has it.
     moved: Option<(Moved, Arc<Snapshot>)>,
+    /// The light, if it was at infinity.
+    distant: Option<Light>,
     prepared: Box<dyn Prepared>,
 }
 
@@ -292,15 +335,23 @@ struct PreparedFar {
 impl Prepared for PreparedFar {
     fn shade(&self, receivers: &Receivers, light: usize, control: &Control) -> Result<Shading> {
         let (part, number) = self.places[light];
-        let Part { moved, prepared } = &self.parts[part];
+        let Part {
+            moved,
+            distant,
+            prepared,
+        } = &self.parts[part];
         let Some((moved, scene)) = moved else {
             return prepared.shade(receivers, number, control);
         };
         let within = |p: &DVec3| moved.weight(*p) > 0.0;
         if receivers.positions.iter().all(within)
-            && let Some(receivers) = moved.receivers(receivers, scene)
+            && let Some(seen) = moved.receivers(receivers, scene)
         {
-            return prepared.shade(&receivers, number, control);
+            let mut shading = prepared.shade(&seen, number, control)?;
+            if let Some(light) = distant {
+                cut(&mut shading.visibility, receivers, light);
+            }
+            return Ok(shading);
         }
         let reason = format!(
             "under a light that is far away it cannot answer for a camera or points more than {NEAR} scene sizes \
@@ -325,6 +376,15 @@ impl Prepared for PreparedFar {
     fn seconds(&self) -> Vec<(&'static str, f64)> {
         added(self.parts.iter().map(|p| p.prepared.seconds()))
     }
+}
+
+/// Of no receiver more is seen than what is above its tangent plane, which the map has to rounding only.
+fn cut(visibility: &mut [f32], receivers: &Receivers, light: &Light) {
+    let one = |(i, seen): (usize, &mut f32)| {
+        let above = light.fraction_above(receivers.positions[i], receivers.normals[i]);
+        *seen = seen.min(above as f32);
+    };
+    visibility.par_iter_mut().enumerate().for_each(one);
 }
 
 /// Seconds of the same stages, added.
@@ -370,6 +430,32 @@ mod tests {
             assert!(off < 1e-12, "{distance}: {off}");
             assert!(((rim - p).dot(on - p)) > 0.0);
         }
+    }
+
+    #[test]
+    fn a_light_at_infinity_is_moved_as_spheres_in_the_limit() {
+        let towards = DVec3::new(0.3, -0.5, 0.8).normalize();
+        for angle in [0.0, 0.53, 60.0, 150.0] {
+            let light = Light::distant(-towards, angle, [1.0; 3]).unwrap();
+            let (moved, near) = Moved::new(&light, NEAR).unwrap();
+            let sin = (0.5 * angle).to_radians().sin();
+            for distance in [1e6, 1e12] {
+                let sphere = Light::sphere(towards * distance, sin * distance, [1.0; 3]);
+                let (limit, expected) = Moved::new(&sphere.unwrap(), NEAR).unwrap();
+                let off = (limit.slope - moved.slope).length() / moved.slope.length();
+                assert!(off < 2.0 * NEAR / distance, "{angle} {distance}: {off}");
+                assert!((near.center() - expected.center()).length() < 1e-9);
+                let [a, b] = [&near, &expected].map(|l| l.as_sphere().unwrap().radius);
+                assert!((a - b).abs() < 1e-9);
+            }
+            // Parallel lines along the direction meet in the middle of the outline, as all that is so far does.
+            let p = DVec3::new(0.2, 0.7, -0.4);
+            let end = moved.point(p + towards * 1e12);
+            let outline = near.center() * (1.0 - sin * sin);
+            assert!((end - outline).length() < 1e-6, "{angle}: {end} {outline}");
+        }
+        let wide = Light::distant(-towards, 179.9, [1.0; 3]).unwrap();
+        assert!(Moved::new(&wide, DIRECT).is_none());
     }
 
     #[test]

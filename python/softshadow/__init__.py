@@ -33,7 +33,14 @@ from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
 from softshadow.estimate import ErrorEstimate, estimate_error
 from softshadow.fronts import front
-from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
+from softshadow.light import (
+    DiskLight,
+    DistantLight,
+    Light,
+    PolygonLight,
+    RectLight,
+    SphereLight,
+)
 from softshadow.loading import Setup, frame, load
 from softshadow.methods import (
     Accumulation,
@@ -81,6 +88,7 @@ __all__ = [
     "Curves",
     "DeepShadow",
     "DiskLight",
+    "DistantLight",
     "ErrorEstimate",
     "Hard",
     "Image",

@@ -23,7 +23,15 @@ from softshadow._core import __version__
 from softshadow.camera import Camera
 from softshadow.extras import needs
 from softshadow.images import check_path, write
-from softshadow.light import DiskLight, Light, LightLike, PolygonLight, RectLight, SphereLight
+from softshadow.light import (
+    DiskLight,
+    DistantLight,
+    Light,
+    LightLike,
+    PolygonLight,
+    RectLight,
+    SphereLight,
+)
 from softshadow.loading import frame, load
 from softshadow.methods import Method, method_names, resolve
 from softshadow.render import render as render_image
@@ -61,6 +69,7 @@ _LIGHT_FORMS = {
     "disk": "disk:cx,cy,cz,nx,ny,nz,r",
     "sphere": "sphere:cx,cy,cz,r",
     "polygon": "polygon:x,y,z;x,y,z;x,y,z...",
+    "distant": "distant:dx,dy,dz:angle",
 }
 """Kinds of ``--light`` and what follows them; the commas count the numbers."""
 
@@ -72,8 +81,9 @@ def parse_light(text: str) -> Light:
     ----------
     text : str
         ``rect:`` center and two full edge vectors (9 numbers; it emits towards u × v), ``disk:``
-        center, normal and radius (7), ``sphere:`` center and radius (4), separated by commas, or
-        ``polygon:`` vertices (3 numbers each), separated by semicolons.
+        center, normal and radius (7), ``sphere:`` center and radius (4), separated by commas,
+        ``polygon:`` vertices (3 numbers each), separated by semicolons, or ``distant:`` direction
+        (3), after which ``:`` and the angle in degrees may follow.
 
     Raises
     ------
@@ -87,6 +97,10 @@ def parse_light(text: str) -> Light:
     what = f"--light {text!r}"
     if kind == "polygon":
         return PolygonLight([_numbers(part, 3, what, form) for part in rest.split(";")])
+    if kind == "distant":
+        direction, colon, angle = rest.partition(":")
+        d = _numbers(direction, 3, what, form)
+        return DistantLight(d, *_numbers(angle, 1, what, form) if colon else ())
     n = _numbers(rest, form.count(",") + 1, f"--light {text!r}", form)
     if kind == "rect":
         return RectLight(n[0:3], n[3:6], n[6:9])

@@ -1,6 +1,7 @@
-"""Area lights: rectangle, disk, sphere and polygon, with a constant emitted radiance.
+"""Area lights: rectangle, disk, sphere, polygon, with a constant radiance, and distant ones.
 
-Flat lights emit on one side; a sphere emits outwards. Sizes are world units, always. Whatever they
+Flat lights emit on one side; a sphere emits outwards. Sizes are world units, always; a distant
+light has a direction and an angle instead, as the sun has. Whatever they
 are made from, lights hold plain floats and tuples of floats.
 """
 
@@ -203,7 +204,54 @@ class PolygonLight(_Light):
         return x, y, z
 
 
-Light: TypeAlias = "RectLight | DiskLight | SphereLight | PolygonLight"
+@dataclass(frozen=True, init=False)
+class DistantLight(_Light):
+    """A disk at infinity, such as the sun: the same from everywhere.
+
+    Visibility is the fraction of its directions, uniform in solid angle, that nothing blocks.
+
+    Parameters
+    ----------
+    direction : array_like, shape (3,)
+        In which its light travels; any length but zero.
+    angle_deg : float
+        The whole angle that its disk spans, in degrees: 0, or 1e-90 to less than 180. The sun's is
+        0.53. Zero makes a parallel light, for methods that allow it.
+    irradiance : float or array_like of shape (3,)
+        What it casts on a surface across its direction, whatever its angle, linear RGB: 0, or
+        1.2e-38 to 3.4e38 (kernels work in single precision). Its radiance is
+        ``irradiance / (pi * sin(angle_deg / 2)**2)``.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite or no number, the direction is zero or the angle out of its range.
+
+    Examples
+    --------
+    >>> import softshadow as ss
+    >>> sun = ss.DistantLight(direction=(0.5, 0, -1), irradiance=3)
+    >>> sun.angle_deg, sun.irradiance
+    (0.53, (3.0, 3.0, 3.0))
+    """
+
+    direction: Triple
+    angle_deg: float
+    irradiance: Triple
+    _core: _core.Light = field(init=False, repr=False, compare=False)
+
+    def __init__(self, direction: Vector, angle_deg: float = 0.53, irradiance: RGB = 1.0) -> None:
+        d = as_vector(direction, "DistantLight.direction")
+        angle = number(angle_deg, "DistantLight.angle_deg", "a number from 0 to less than 180")
+        rgb = as_rgb(irradiance, "DistantLight.irradiance")
+        core = _core.Light.distant(d, angle, rgb)
+        self._store(direction=d, angle_deg=angle, irradiance=rgb, _core=core)
+
+
+PlacedLight: TypeAlias = "RectLight | DiskLight | SphereLight | PolygonLight"
+"""Any light that is somewhere."""
+
+Light: TypeAlias = "PlacedLight | DistantLight"
 """Any of the light shapes."""
 
 LightLike: TypeAlias = "Light | Sequence[Light]"
@@ -218,11 +266,16 @@ def as_lights(light: LightLike) -> tuple[list[Light], bool]:
     TypeError
         If it is neither a light nor a sequence of lights.
     """
-    if isinstance(light, (RectLight, DiskLight, SphereLight, PolygonLight)):
+    if isinstance(light, _Light):
         return [light], True
     if not isinstance(light, Sequence) or not len(light):
         raise TypeError(f"light: expected a light or a sequence of lights, got {light!r}")
     for item in light:
-        if not isinstance(item, (RectLight, DiskLight, SphereLight, PolygonLight)):
+        if not isinstance(item, _Light):
             raise TypeError(f"light: expected lights in the sequence, got {type(item).__name__}")
     return list(light), False
+
+
+def strength(light: Light) -> Triple:
+    """Return what closed forms are multiplied by: radiance, of a distant light irradiance."""
+    return light.irradiance if isinstance(light, DistantLight) else light.radiance

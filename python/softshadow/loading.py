@@ -14,7 +14,14 @@ import numpy.typing as npt
 from softshadow import checks, framing
 from softshadow.camera import MOST_PIXELS, Camera
 from softshadow.entries import Mesh
-from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
+from softshadow.light import (
+    DiskLight,
+    DistantLight,
+    Light,
+    PolygonLight,
+    RectLight,
+    SphereLight,
+)
 from softshadow.reading import MAX_BYTES, MAX_CORNERS
 from softshadow.scene import Scene
 
@@ -57,9 +64,9 @@ def load(
     """Return a file's scene, camera and lights.
 
     Understood are Mitsuba 3 XML files (see `softshadow.mitsuba.from_scene`), glTF and GLB files
-    (nodes, base colours, alpha, perspective cameras, point lights), and model files as of
-    `Scene.load`, which have neither camera nor lights. All else that a file holds is listed in one
-    warning.
+    (nodes, base colours, alpha, perspective cameras, point and directional lights), and model files
+    as of `Scene.load`, which have neither camera nor lights. All else that a file holds is listed
+    in one warning.
 
     Parameters
     ----------
@@ -214,6 +221,10 @@ def _point(world: _Matrix, points: npt.ArrayLike) -> _Matrix:
 def _moved(light: Light, world: _Matrix, scale: float) -> Light:
     if isinstance(light, PolygonLight):
         return PolygonLight(_point(world, light.vertices), light.radiance)
+    if isinstance(light, DistantLight):
+        return DistantLight(
+            world[:3, :3] @ np.array(light.direction), light.angle_deg, light.irradiance
+        )
     center = _point(world, light.center)
     if isinstance(light, RectLight):
         u, v = (world[:3, :3] @ np.array(edge) for edge in (light.edge_u, light.edge_v))

@@ -14,7 +14,7 @@ from softshadow import _core, checks, kernels
 from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
 from softshadow.entries import Mesh, Spheres
-from softshadow.light import Light, LightLike, as_lights
+from softshadow.light import Light, LightLike, as_lights, strength
 from softshadow.methods import Method, MethodLike, resolve
 from softshadow.scene import Scene, scene_of
 
@@ -294,7 +294,7 @@ class Prepared:
         p, n = as_points(points, "points"), as_points(normals, "normals")
         total = np.zeros((len(p), 3))
         for light, visible in zip(self.lights, seen, strict=True):
-            total += shadowed_irradiance(light, p, n, visible)[:, None] * np.array(light.radiance)
+            total += shadowed_irradiance(light, p, n, visible)[:, None] * np.array(strength(light))
         with np.errstate(over="ignore"):  # found at once
             result = total.astype(np.float32)
         if not np.all(np.isfinite(result)):
@@ -313,7 +313,8 @@ def shadowed_irradiance(
 ) -> npt.NDArray[np.float64]:
     """Return the closed form of the unshadowed irradiance, times visibility over its part.
 
-    Of a light of radiance 1; positions and normals have one axis more than the visibility.
+    Of a light of radiance 1 (a distant one: of irradiance 1); positions and normals have one axis
+    more than the visibility.
     """
     p, n = positions.reshape(-1, 3), np.ascontiguousarray(normals.reshape(-1, 3))
     part = kernels.light_fraction_above(light, p, n)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from softshadow import checks, gltf
 from softshadow.camera import Camera
-from softshadow.light import Light, SphereLight
+from softshadow.light import DistantLight, Light, SphereLight
 from softshadow.parts import Model
 
 __all__ = ["as_radius", "views_of"]
@@ -102,16 +102,20 @@ def _camera(
 def _light(
     header: gltf.Header, index: int, matrix: _Matrix, radius: float | None
 ) -> tuple[str, Light | None]:
-    """Return a light's name and itself; None where it is no point with a radius."""
+    """Return a light's name and itself; None where it is no point with a radius and not distant."""
     stated = header["extensions"][_PUNCTUAL]["lights"][index]
     name = gltf.called(stated, "light", index)
+    extras = stated.get("extras") or {}
+    colour = np.array(stated.get("color", (1.0, 1.0, 1.0)), dtype=np.float64)
+    emitted = colour * stated.get("intensity", 1.0)
+    if stated["type"] == "directional":  # along -z; its intensity is an illuminance
+        angle = checks.number(extras.get("angle_deg", 0.0), f"{name}: angle_deg")
+        return name, DistantLight(-matrix[:3, 2], angle, emitted)
     if stated["type"] != "point":
         return f"{name} ({stated['type']})", None
-    own = (stated.get("extras") or {}).get("radius", radius)
+    own = extras.get("radius", radius)
     if own is None:
         return f"{name} (a point; light_radius= gives it a size)", None
     size = as_radius(own, f"{name}: radius")
     # A sphere's intensity is its radiance times the disk that it is seen as.
-    colour = np.array(stated.get("color", (1.0, 1.0, 1.0)), dtype=np.float64)
-    radiance = colour * stated.get("intensity", 1.0) / (math.pi * size**2)
-    return name, SphereLight(matrix[:3, 3], size, radiance)
+    return name, SphereLight(matrix[:3, 3], size, emitted / (math.pi * size**2))

@@ -433,6 +433,9 @@ pub fn padded_bounds(light: &Light) -> (Vec3, Vec3) {
 /// Whether a triangle reaches into the light, so that moving a light point can uncover it without an
 /// edge in between. Triangles wholly on or behind a flat light's back cannot hide it.
 pub fn touches_light(bvh: &TriangleBvh, light: &Light, stack: &mut Vec<u32>) -> bool {
+    if light.as_distant().is_some() {
+        return false;
+    }
     let slack = light_slack(light);
     let (low, high) = padded_bounds(light);
     let overlaps = |min: Vec3, max: Vec3| !(min.cmpgt(high).any() || max.cmplt(low).any());

@@ -170,7 +170,7 @@ impl Light {
             Shape::Sphere(SphereLight { center, radius }) => {
                 Some(Branchless::Sphere(center, radius))
             }
-            Shape::Disk(..) | Shape::Polygon(..) => None,
+            Shape::Disk(..) | Shape::Polygon(..) | Shape::Distant(..) => None,
         };
         if let Some(simple) = simple {
             many.find(simple, irradiance);

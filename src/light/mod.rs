@@ -4,13 +4,14 @@
 //! depends on the unit). `n` is the receiver's unit normal, or zero for a receiver without a tangent
 //! plane. Points behind a flat light or inside a sphere receive nothing from it.
 //!
-//! - a file a shape: [`rect`], [`disk`], [`sphere`], [`polygon`];
+//! - a file a shape: [`rect`], [`disk`], [`sphere`], [`polygon`], [`distant`];
 //! - [`contour`]: Lambert's contour formula; `many`: unshadowed light of many receivers at once;
 //! - [`falloff`]: what of a light lies beyond a line; [`reach`]: how far it reaches in a view;
 //! - [`tangents`]: planes through a line that touch it.
 
 pub mod contour;
 pub mod disk;
+pub mod distant;
 pub mod falloff;
 pub(crate) mod many;
 pub mod polygon;
@@ -26,6 +27,7 @@ use glam::{DVec3, Vec3};
 use crate::error::{Error, Result};
 use crate::frame::{Frame, POINT_OFFSET};
 pub use disk::DiskLight;
+pub use distant::DistantLight;
 pub use polygon::PolygonLight;
 pub use rect::RectLight;
 pub use sphere::SphereLight;
@@ -48,6 +50,8 @@ pub enum Shape {
     Sphere(SphereLight),
     /// A planar polygon.
     Polygon(PolygonLight),
+    /// A disk at infinity.
+    Distant(DistantLight),
 }
 
 /// What the shape of a light answers.
@@ -58,6 +62,7 @@ macro_rules! of_shape {
             Shape::Disk($shape) => $answer,
             Shape::Sphere($shape) => $answer,
             Shape::Polygon($shape) => $answer,
+            Shape::Distant($shape) => $answer,
         }
     };
 }
@@ -67,7 +72,7 @@ macro_rules! of_shape {
 pub struct Light {
     /// Where it is.
     pub shape: Shape,
-    /// What it emits.
+    /// What it emits; of a distant light the irradiance across its direction.
     pub radiance: [f32; 3],
 }
 
@@ -81,6 +86,10 @@ impl Light {
 
     /// The same light in a scene's local coordinates; farther away than `FARTHEST`, one there that looks the same.
     pub fn to_local(&self, frame: &Frame) -> Light {
+        if let Some(distant) = self.as_distant() {
+            let shape = distant.to_local(frame);
+            return Light { shape, ..*self };
+        }
         let distance = frame.to_local(self.center()).length();
         let unit = frame.unit * (distance / FARTHEST).max(1.0);
         let frame = &Frame { unit, ..*frame };
@@ -131,7 +140,7 @@ impl Light {
         of_shape!(self, shape => shape.bounds())
     }
 
-    /// The side that a flat light emits to, unit length; `None` for a sphere.
+    /// The side that a flat light emits to, unit length; `None` for a sphere and a distant light.
     pub fn normal(&self) -> Option<DVec3> {
         of_shape!(self, shape => shape.normal())
     }
@@ -165,7 +174,7 @@ impl Light {
 
     /// `h`: the fraction of the light above the tangent plane and emitting towards `p`.
     ///
-    /// By area for flat lights, by solid angle for spheres; what visibility would be without
+    /// By area for flat lights, by solid angle for spheres and distant lights; what visibility would be without
     /// occluders. A light of size zero is all or nothing.
     pub fn fraction_above(&self, p: DVec3, n: DVec3) -> f64 {
         if !self.emits_towards(p) {
@@ -178,7 +187,8 @@ impl Light {
         of_shape!(self, shape => shape.fraction_above(d, n))
     }
 
-    /// Irradiance at `p` from the whole light with radiance 1, without occluders.
+    /// Irradiance at `p` from the whole light with radiance 1 (a distant one: irradiance 1 across its direction), without
+    /// occluders.
     ///
     /// Lambert's contour formula, the contour clipped by the tangent plane: straight edges for a
     /// rectangle, a circle's arc for a disk; a sphere is the disk that its outline spans, seen along its axis.

@@ -27,6 +27,7 @@ impl LightOutline {
                 LightOutline::Disk(rotation * normal, radius)
             }
             &Shape::Sphere(SphereLight { radius, .. }) => LightOutline::Sphere(radius),
+            Shape::Distant(distant) => LightOutline::Sphere(distant.stand_in().radius),
         }
     }
 

@@ -96,6 +96,10 @@ mod tests {
                 let place = |c: &DVec2| polygon.center + c.x * polygon.u + c.y * polygon.v;
                 polygon.corners().iter().map(place).collect()
             }
+            Shape::Distant(distant) => points(&Light {
+                shape: Shape::Sphere(distant.stand_in()),
+                radiance: light.radiance,
+            }),
         }
     }
 

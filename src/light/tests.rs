@@ -123,6 +123,13 @@ fn brute_force(light: &Light, p: DVec3, n: DVec3, steps: usize) -> (f64, f64) {
                 }
                 // The sum of its parts, in its own tests.
                 Shape::Polygon(_) => unreachable!(),
+                Shape::Distant(distant) => {
+                    let w = distant.towards;
+                    let e1 = w.any_orthonormal_vector();
+                    let cos = 1.0 - s * (1.0 - distant.cos);
+                    let e = (TAU * t).cos() * e1 + (TAU * t).sin() * w.cross(e1);
+                    (w * cos + e * (1.0 - cos * cos).sqrt(), distant.scale())
+                }
             };
             total += 1.0;
             if n.dot(direction) > 0.0 {
@@ -134,7 +141,7 @@ fn brute_force(light: &Light, p: DVec3, n: DVec3, steps: usize) -> (f64, f64) {
     (irradiance / total, above / total)
 }
 
-fn lights() -> [Light; 4] {
+fn lights() -> [Light; 5] {
     let c = DVec3::new(0.3, -0.2, 1.5);
     let (u, v) = (DVec3::new(0.1, 0.9, 0.2), DVec3::new(1.1, 0.1, -0.3));
     [
@@ -142,6 +149,7 @@ fn lights() -> [Light; 4] {
         Light::disk(c, DVec3::new(0.2, 0.1, -1.0), 0.7, [1.0; 3]).unwrap(),
         Light::disk(DVec3::new(0.0, 0.0, 2.0), -DVec3::Z, 0.7, [1.0; 3]).unwrap(),
         Light::sphere(c, 0.6, [1.0; 3]).unwrap(),
+        Light::distant(-c, 50.0, [1.0; 3]).unwrap(),
     ]
 }
 

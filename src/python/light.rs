@@ -3,12 +3,27 @@
 use glam::DVec3;
 use pyo3::prelude::*;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::light::{Light, Shape};
 
 /// A light in world coordinates.
 #[pyclass(name = "Light", module = "softshadow._core", frozen)]
 pub(super) struct PyLight(pub(super) Light);
+
+impl PyLight {
+    /// The light, for a kernel that needs its place.
+    ///
+    /// # Errors
+    /// A light at infinity.
+    pub(super) fn placed(&self, kernel: &str) -> Result<Light> {
+        if self.0.as_distant().is_none() {
+            return Ok(self.0.clone());
+        }
+        let reason = "needs a light with a place, got a DistantLight; methods take it, and a SphereLight \
+                      far away looks like it";
+        Err(Error::parameter(kernel, reason))
+    }
+}
 
 #[pymethods]
 impl PyLight {
@@ -25,6 +40,11 @@ impl PyLight {
     #[staticmethod]
     fn disk(center: [f64; 3], normal: [f64; 3], radius: f64, radiance: [f32; 3]) -> Result<Self> {
         Light::disk(center.into(), normal.into(), radius, radiance).map(PyLight)
+    }
+
+    #[staticmethod]
+    fn distant(direction: [f64; 3], angle: f64, irradiance: [f32; 3]) -> Result<Self> {
+        Light::distant(direction.into(), angle, irradiance).map(PyLight)
     }
 
     #[staticmethod]
@@ -48,7 +68,7 @@ impl PyLight {
     fn triangles(&self) -> Vec<[u32; 3]> {
         match &self.0.shape {
             Shape::Polygon(polygon) => polygon.triangles(),
-            Shape::Rect(_) | Shape::Disk(_) | Shape::Sphere(_) => Vec::new(),
+            Shape::Rect(_) | Shape::Disk(_) | Shape::Sphere(_) | Shape::Distant(_) => Vec::new(),
         }
     }
 }

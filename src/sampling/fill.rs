@@ -130,7 +130,7 @@ pub(super) fn fill_cap<S: Simd>(
     let distance = f32x16::splat(simd, cap.distance as f32);
     let squared_distance = distance * distance;
     let squared_radius = f32x16::splat(simd, cap.radius as f32 * cap.radius as f32);
-    let solid_angle = (std::f64::consts::TAU * cap.height / pattern.len() as f64) as f32;
+    let share = (cap.weight / pattern.len() as f64) as f32;
     let cotangent = f32x16::splat(simd, (cap.cos / cap.sin.max(1e-30)) as f32);
     for r in 0..out.valid.len() {
         let (x, y) = coordinates(pattern, r, scramble, true);
@@ -145,14 +145,18 @@ pub(super) fn fill_cap<S: Simd>(
         let reach = (squared_radius - squared_distance * sin2)
             .greater(zero)
             .sqrt();
-        let t = distance * cos - reach - offset;
+        let t = if cap.distant {
+            distance
+        } else {
+            distance * cos - reach - offset
+        };
         let l = [
             p[0] + direction[0] * t,
             p[1] + direction[1] * t,
             p[2] + direction[2] * t,
         ];
         let above = if has_normal { dot(&n, &direction) } else { one };
-        put(out, r, &l, solid_angle * above, zero.lt(above));
+        put(out, r, &l, share * above, zero.lt(above));
         // Onto the plane that touches the unit sphere at the axis, the cap's edge at 1.
         let gnomonic = stretch * cotangent / cos.greater(1e-9);
         out.coordinates[0][r].set(x * gnomonic);

@@ -11,7 +11,7 @@
 //! each light's (Minkowski), so as a part of the light never more than those of the worst light alone.
 //!
 //! Flat lights are sampled uniformly in area, spheres uniformly in the solid angle of the cap that
-//! the receiver sees. Disks and caps use Shirley and Chiu's concentric map.
+//! the receiver sees; a distant light is a cap that all receivers share. Disks and caps use Shirley and Chiu's concentric map.
 //!
 //! Light points are moved off the light towards the receiver's side by [`POINT_OFFSET`] so that an
 //! occluder that touches the light from behind does not hide it.
@@ -78,7 +78,7 @@ impl Sampler {
             let (area, polygon) = match &light.shape {
                 Shape::Rect(RectLight { u, v, .. }) => (u.cross(*v).length(), None),
                 Shape::Disk(DiskLight { radius, .. }) => (PI * radius * radius, None),
-                Shape::Sphere(_) => (0.0, None),
+                Shape::Sphere(_) | Shape::Distant(_) => (0.0, None),
                 Shape::Polygon(polygon) => (polygon.area(), Some(polygon.clone())),
             };
             let (center, u, v) = match &polygon {
@@ -259,6 +259,7 @@ mod tests {
             Light::disk(c, DVec3::new(0.1, 0.2, -1.0), 0.4, [1.0; 3]).unwrap(),
             Light::sphere(c, 0.4, [1.0; 3]).unwrap(),
             Light::polygon(&star(c), [1.0; 3]).unwrap(),
+            Light::distant(-c, 40.0, [1.0; 3]).unwrap(),
         ];
         let p = DVec3::new(-0.1, 0.2, 0.0);
         for light in lights {

@@ -1,9 +1,11 @@
-//! What the samples of a flat light and of a sphere are laid out on: its edges, or the cap of directions in
-//! which a receiver sees it.
+//! What the samples of a light are laid out on: the edges of a flat one, or the cap of directions in which a receiver
+//! sees a sphere or a distant light.
+
+use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use crate::light::{Light, PolygonLight, SphereLight};
+use crate::light::{DistantLight, Light, PolygonLight, SphereLight};
 
 /// A flat light: the square [-1, 1]² is the light, has it as its inscribed disk, or lies around it.
 #[derive(Debug, Clone)]
@@ -18,7 +20,7 @@ pub(super) struct Flat {
     pub(super) polygon: Option<PolygonLight>,
 }
 
-/// The cap of directions in which a sphere is seen from outside.
+/// The cap of directions in which a sphere is seen from outside, or a distant light from anywhere.
 pub(super) struct Cap {
     pub(super) axis: DVec3,
     pub(super) e1: DVec3,
@@ -29,10 +31,17 @@ pub(super) struct Cap {
     pub(super) cos: f64,
     /// 1 - cos of the half-angle, without cancellation.
     pub(super) height: f64,
+    /// What light samples at radiance 1 weigh together: the solid angle, or a distant light's own scale.
+    pub(super) weight: f64,
+    /// Whether all light points are as far from the receiver, and not on a sphere.
+    pub(super) distant: bool,
 }
 
 impl Cap {
     pub(super) fn new(light: &Light, p: DVec3) -> Option<Cap> {
+        if let Some(distant) = light.as_distant() {
+            return Some(Cap::at_infinity(&distant));
+        }
         let SphereLight { center, radius } = light.as_sphere()?;
         let d = center - p;
         let distance = d.length();
@@ -53,6 +62,26 @@ impl Cap {
             sin,
             cos,
             height,
+            weight: TAU * height,
+            distant: false,
         })
+    }
+
+    fn at_infinity(light: &DistantLight) -> Cap {
+        let axis = light.towards;
+        let e1 = axis.any_orthonormal_vector();
+        Cap {
+            axis,
+            e1,
+            e2: axis.cross(e1),
+            distance: light.distance,
+            // In the middle, so that nothing of the scene is behind any of it.
+            radius: 0.0,
+            sin: light.sin,
+            cos: light.cos,
+            height: light.sin * light.sin / (1.0 + light.cos),
+            weight: light.scale(),
+            distant: true,
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Light points that all receivers of a region share, for methods that draw a picture from each.
 //!
-//! Of a flat light they are the points that every receiver has. A sphere's receivers each see another cap of
+//! Of a flat or a distant light they are the points that every receiver has. A sphere's receivers each see another cap of
 //! it, so points shared by a region must cover all of these caps: they lie within the angle `t` of the
 //! axis to the region, at `2 t / π asin ρ` from it for a point at `ρ` in the unit disk. Seen from far away
 //! that is uniform in solid angle; elsewhere [`SharedPoint::area`] weights them, and points that
@@ -13,7 +13,7 @@ use glam::DVec3;
 use super::fill::coordinates;
 use super::{LightSamples, Sampler};
 use crate::frame::POINT_OFFSET;
-use crate::light::SphereLight;
+use crate::light::{DistantLight, SphereLight};
 use crate::simd::LANES;
 
 /// A light point in local coordinates.
@@ -30,6 +30,9 @@ pub struct SharedPoint {
 impl Sampler {
     /// The light points that receivers in the convex hull of `corners` share, in the pattern's order.
     pub fn shared(&self, corners: &[DVec3]) -> Vec<SharedPoint> {
+        if let Some(distant) = self.light.as_distant() {
+            return self.shared_distant(&distant, corners);
+        }
         match self.light.as_sphere() {
             None => self.shared_flat(corners[0]),
             Some(sphere) => self.shared_on(sphere, corners),
@@ -45,6 +48,28 @@ impl Sampler {
             position: samples.point(i).as_dvec3(),
             normal,
             area,
+        };
+        (0..self.len()).map(point).collect()
+    }
+
+    /// Directions, all the same for all receivers: points that are far from the region's middle, and each stand for as much of
+    /// the cap.
+    fn shared_distant(&self, light: &DistantLight, corners: &[DVec3]) -> Vec<SharedPoint> {
+        let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
+        let (e1, e2) = light.towards.any_orthonormal_pair();
+        let height = light.sin * light.sin / (1.0 + light.cos);
+        let point = |i: usize| {
+            let (x, y) = coordinates(&self.pattern, i / LANES, [0, 0], true);
+            let (x, y) = (f64::from(x.0[i % LANES]), f64::from(y.0[i % LANES]));
+            // The map of `fill_cap`, equal in area.
+            let fall = (x * x + y * y) * height;
+            let stretch = (height * (2.0 - fall)).sqrt();
+            let direction = light.towards * (1.0 - fall) + (e1 * x + e2 * y) * stretch;
+            SharedPoint {
+                position: middle + direction * light.distance,
+                normal: -direction,
+                area: light.distance * light.distance,
+            }
         };
         (0..self.len()).map(point).collect()
     }

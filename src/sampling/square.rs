@@ -78,7 +78,11 @@ impl Square {
             disk: true,
             // The plane through the circle in which lines from the receiver touch the sphere: on any line that
             // meets the sphere it lies between where the line enters and where it leaves.
-            front: (1.0 - cap.sin) as f32,
+            front: if cap.distant {
+                f32::MAX
+            } else {
+                (1.0 - cap.sin) as f32
+            },
             ball: Some(Ball {
                 axis: cap.axis,
                 distance: cap.distance,

@@ -20,7 +20,8 @@ const SMALL_LIGHT: f64 = 1.0 / 1024.0;
 pub(crate) fn for_lights(geometry: &Geometry, lights: &[Light]) -> Result<Option<Frame>> {
     let frame = &geometry.frame;
     let mut least: Option<(f64, DVec3)> = None;
-    for light in lights {
+    // A light at infinity has no place to be near.
+    for light in lights.iter().filter(|l| l.as_distant().is_none()) {
         let local = light.to_local(frame);
         let (low, high) = local.bounds();
         let own = (high - low).max_element();

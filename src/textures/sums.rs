@@ -4,7 +4,7 @@
 //! - `light`, the irradiance from them at radiance 1, every light point with its own cosines and distance:
 //!   the radiance texture, but for albedo and the light's colour.
 //!
-//! Of a sphere, whose points the texels weigh differently, `seen` adds weights, and `weight` those of all
+//! Of a sphere and of a distant light, whose points the texels may weigh differently, `seen` adds weights, and `weight` those of all
 //! points. Sums go in the order of the light points' sequence.
 
 use fearless_simd::{f32x16, prelude::*};
@@ -18,7 +18,7 @@ use crate::simd::{Lanes, dot};
 pub(super) enum Weighting {
     /// Each as much; they emit along one normal.
     Flat,
-    /// Light points count by the solid angle that they stand for.
+    /// Light points count by the solid angle that they stand for, as a distant light's do, too.
     Sphere,
     /// Each as much, to all sides.
     Point,
@@ -26,6 +26,9 @@ pub(super) enum Weighting {
 
 impl Weighting {
     pub(super) fn of(light: &Light) -> Self {
+        if light.as_distant().is_some() {
+            return Weighting::Sphere;
+        }
         match light.as_sphere() {
             Some(SphereLight { radius: 0.0, .. }) => Weighting::Point,
             Some(_) => Weighting::Sphere,
@@ -153,8 +156,11 @@ pub(super) fn irradiance(
     }
 }
 
-/// Solid angle of a sphere.
+/// Solid angle of a sphere, or a distant light's scale of cosines.
 fn solid_angle(light: &Light, p: DVec3) -> f64 {
+    if let Some(distant) = light.as_distant() {
+        return distant.scale();
+    }
     let Some(SphereLight { center, radius }) = light.as_sphere() else {
         return 0.0;
     };

@@ -19,7 +19,7 @@ from softshadow.bake.textures import BakedTexture, Polygon, Side
 from softshadow.camera import Camera
 from softshadow.entries import Mesh, Spheres
 from softshadow.extras import needs
-from softshadow.light import Light, LightLike, as_lights
+from softshadow.light import Light, LightLike, as_lights, strength
 from softshadow.methods import Accumulation, Method
 from softshadow.render import Prepared, shadowed_irradiance
 from softshadow.scene import Scene, mesh_of, scene_of
@@ -106,7 +106,7 @@ def _radiance(
     albedo = np.asarray(entry.albedo, dtype=np.float64)
     total = np.full((*irradiance[0].shape, 3), ambient, dtype=np.float64)
     for e, light in zip(irradiance, lights, strict=True):
-        total += e[..., None] / np.pi * np.asarray(light.radiance, dtype=np.float64)
+        total += e[..., None] / np.pi * np.asarray(strength(light), dtype=np.float64)
     with np.errstate(over="ignore"):  # found at once
         radiance = (total * albedo).astype(np.float32)
     if not np.all(np.isfinite(radiance)):

@@ -14,7 +14,15 @@ import numpy.typing as npt
 from softshadow.camera import Camera
 from softshadow.entries import Mesh
 from softshadow.extras import needs
-from softshadow.light import DiskLight, Light, LightLike, PolygonLight, SphereLight, as_lights
+from softshadow.light import (
+    DiskLight,
+    DistantLight,
+    Light,
+    LightLike,
+    PolygonLight,
+    SphereLight,
+    as_lights,
+)
 from softshadow.mitsuba.image import MitsubaImage
 from softshadow.mitsuba.llvm import find_llvm
 from softshadow.scene import Scene
@@ -31,6 +39,14 @@ freedom to be near normal, few enough for the per-ray overhead of the scalar var
 _LAUNCH = 1 << 20
 """Rays in one launch of a vectorised variant, at least an image of them: its overhead of some
 milliseconds is small beside a million rays, and they take some 100 MB."""
+
+_FAR = 1e4
+"""Scene diameters to the disk that stands for a distant light: far enough for directions to differ
+by less than 1e-4 across the scene, near enough for single precision to tell them apart by less than
+1e-6."""
+
+_WIDEST = 170.0
+"""Degrees that such a disk may span: its radius is eleven times its distance."""
 
 _NEAR = 1e-3
 """Mitsuba's near clipping distance over the scene's diameter. Nearer surfaces are not seen on its
@@ -77,7 +93,8 @@ def scene_dict(scene: Scene, camera: Camera, light: LightLike, samples: int = 16
     scene : Scene
     camera : Camera
     light : light or sequence of lights
-        With several in a scene, Mitsuba lets them shadow each other, and samples one at a time.
+        With several in a scene, Mitsuba lets them shadow each other, and samples one at a time. A
+        `DistantLight` becomes a disk far away, with an angle of 0 a ``directional`` emitter.
     samples : int
         Samples per pixel, each with one light sample.
 
@@ -95,7 +112,8 @@ def scene_dict(scene: Scene, camera: Camera, light: LightLike, samples: int = 16
         If Mitsuba is not installed.
     ValueError
         If Mitsuba cannot express something: ``casts=False``, ``receives=False``, a light of size
-        zero, or a pinhole matrix with skew or two focal lengths.
+        zero (a `DistantLight` may have an angle of 0, but none above 170 degrees), or a pinhole
+        matrix with skew or two focal lengths.
     """
     mi = _import()
     if mi.variant() is None:
@@ -114,7 +132,7 @@ def scene_dict(scene: Scene, camera: Camera, light: LightLike, samples: int = 16
     }
     lights, single = as_lights(light)
     for i, one in enumerate(lights):
-        result["light" if single else f"light_{i}"] = _light(mi, one)
+        result["light" if single else f"light_{i}"] = _light(mi, one, scene)
     for i, entry in enumerate(scene.entries):
         bsdf = _bsdf(entry.albedo, entry.opacity)
         if isinstance(entry, Mesh):
@@ -176,7 +194,31 @@ def _sensor(mi: ModuleType, scene: Scene, camera: Camera, samples: int) -> dict[
     }
 
 
-def _light(mi: ModuleType, light: Light) -> Any:
+def _distant(mi: ModuleType, light: DistantLight, scene: Scene) -> Any:
+    if light.angle_deg == 0:
+        irradiance = {"type": "rgb", "value": list(light.irradiance)}
+        return {
+            "type": "directional",
+            "direction": list(light.direction),
+            "irradiance": irradiance,
+        }
+    if light.angle_deg > _WIDEST:
+        raise ValueError(
+            f"DistantLight.angle_deg: a far disk stands for it in Mitsuba, up to {_WIDEST:g}, "
+            f"got {light.angle_deg:g}"
+        )
+    low, high = scene.bounds
+    distance = _FAR * float(np.linalg.norm(high - low))
+    direction = np.asarray(light.direction) / np.linalg.norm(light.direction)
+    half = np.radians(0.5 * light.angle_deg)
+    radiance = np.asarray(light.irradiance) / (np.pi * np.sin(half) ** 2)
+    center = 0.5 * (low + high) - distance * direction
+    return _light(mi, DiskLight(center, direction, distance * np.tan(half), radiance), scene)
+
+
+def _light(mi: ModuleType, light: Light, scene: Scene) -> Any:
+    if isinstance(light, DistantLight):
+        return _distant(mi, light, scene)
     emitter = {"type": "area", "radiance": {"type": "rgb", "value": list(light.radiance)}}
     if isinstance(light, PolygonLight):
         properties = mi.Properties()
@@ -306,8 +348,10 @@ def render(
         for number, one in enumerate(lights):
             description = scene_dict(scene, camera, one)
             transparent = description["integrator"]["type"] == "volpath"
-            # One call of `direct` takes many light samples; `volpath` takes one.
-            batches = samples if transparent else _divisor(samples, _BATCHES)
+            # One call of `direct` takes many light samples; `volpath` takes one, and of a parallel
+            # light `direct` counts each in full (3.9.1).
+            parallel = description["light"]["type"] == "directional"
+            batches = samples if transparent or parallel else _divisor(samples, _BATCHES)
             if not centre_rays:
                 batches = _divisor(samples, _BATCHES)
             else:

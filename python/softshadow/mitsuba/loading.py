@@ -13,7 +13,14 @@ import numpy.typing as npt
 from softshadow._core import ParameterError
 from softshadow.camera import Camera
 from softshadow.entries import Spheres
-from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
+from softshadow.light import (
+    DiskLight,
+    DistantLight,
+    Light,
+    PolygonLight,
+    RectLight,
+    SphereLight,
+)
 from softshadow.loading import Setup, warn_of
 from softshadow.mitsuba.bridge import variant_set
 from softshadow.scene import Scene
@@ -149,8 +156,13 @@ def _read(mi: ModuleType, scene: Any) -> tuple[Setup, list[str]]:
         elif not _add(mi, result, shape, kind, what, left_out):
             left_out.append(what)
     for emitter in scene.emitters():
-        if not mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface):  # told with its shape
+        if mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface):
+            continue  # told with its shape
+        parallel = _parallel(mi, emitter)
+        if parallel is None:
             left_out.append(_called(emitter))
+        else:
+            lights.append(parallel)
     cameras: list[Camera] = []
     for sensor in scene.sensors():
         camera = _camera(mi, sensor)
@@ -337,6 +349,16 @@ def _polygon(mi: ModuleType, shape: Any, radiance: _Array) -> PolygonLight | Non
     first = outline[1:-1] - outline[0], outline[2:] - outline[0]
     own = 0.5 * np.linalg.norm(np.cross(*first).sum(axis=0))
     return found if abs(area - own) <= _ROUNDING * area else None
+
+
+def _parallel(mi: ModuleType, emitter: Any) -> DistantLight | None:
+    """Return a directional emitter as ours; None where it is something else."""
+    if _kind(emitter) != "DirectionalEmitter":
+        return None
+    irradiance = _colour(mi, _children(mi, emitter)["irradiance"])
+    # Along z of its own space.
+    direction = _matrix(mi, emitter)[:3, 2]
+    return None if irradiance is None else DistantLight(direction, 0, irradiance)
 
 
 def _camera(mi: ModuleType, sensor: Any) -> Camera | None:

@@ -11,7 +11,7 @@ from softshadow import checks
 from softshadow.camera import Camera
 from softshadow.extras import needs
 from softshadow.kernels import PenumbraWedges, light_samples
-from softshadow.light import Light
+from softshadow.light import PlacedLight
 from softshadow.plot.pictures import draw_picture, no_ticks, own_figure, pixels_of
 from softshadow.plot.styles import COLOURS
 from softshadow.render import Image
@@ -30,7 +30,7 @@ LIT, UMBRA = COLOURS[0], COLOURS[3]
 
 def wedges(
     found: PenumbraWedges,
-    light: Light,
+    light: PlacedLight,
     height: float = 0.0,
     visibility: npt.ArrayLike | None = None,
     extent: tuple[float, float, float, float] | None = None,
@@ -205,7 +205,7 @@ def _lines(ax: Any, ends: _Doubles, colour: str, label: str) -> None:
         ax.plot(*line[:, :2].T, color=colour, linewidth=1.4, label=label if i == 0 else "_")
 
 
-def _feet(found: PenumbraWedges, planes: _Doubles, light: Light, height: float) -> _Doubles:
+def _feet(found: PenumbraWedges, planes: _Doubles, light: PlacedLight, height: float) -> _Doubles:
     """Return where the lines of planes and side planes from an edge's ends meet z = height.
 
     Shape (W, 2, 3): of the ends of each edge.
@@ -222,7 +222,9 @@ def _feet(found: PenumbraWedges, planes: _Doubles, light: Light, height: float) 
     return result
 
 
-def _draw_space(ax: Any, edges: _Doubles, feet: tuple[_Doubles, _Doubles], light: Light) -> None:
+def _draw_space(
+    ax: Any, edges: _Doubles, feet: tuple[_Doubles, _Doubles], light: PlacedLight
+) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     for lower, colour in zip(feet, (LIT, UMBRA), strict=True):

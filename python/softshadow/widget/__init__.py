@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Literal
 from softshadow import checks
 from softshadow.camera import Camera
 from softshadow.compare import label_of
-from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
+from softshadow.light import (
+    DiskLight,
+    DistantLight,
+    PlacedLight,
+    PolygonLight,
+    RectLight,
+    SphereLight,
+)
 from softshadow.methods import Method, MethodLike, method_names, resolve
 from softshadow.scene import Scene
 
@@ -26,7 +33,7 @@ __all__ = ["widget"]
 def widget(
     scene: Scene,
     camera: Camera,
-    light: Light,
+    light: PlacedLight,
     method: MethodLike = "wedges",
     methods: Sequence[MethodLike] | None = None,
     what: Literal["radiance", "visibility"] = "radiance",
@@ -82,6 +89,8 @@ def widget(
         raise TypeError(f"scene: expected softshadow.Scene, got {type(scene).__name__}")
     if not isinstance(camera, Camera):
         raise TypeError(f"camera: expected softshadow.Camera, got {type(camera).__name__}")
+    if isinstance(light, DistantLight):
+        raise TypeError("light: expected one with a place to move, got a DistantLight")
     if not isinstance(light, (RectLight, DiskLight, SphereLight, PolygonLight)):
         raise TypeError(f"light: expected one light, got {checks.shown(light)}")
     if what not in ("radiance", "visibility"):

@@ -19,7 +19,7 @@ from softshadow.camera import Camera
 from softshadow.checks import shown
 from softshadow.extras import needs
 from softshadow.images import auto_exposure, to_srgb
-from softshadow.light import DiskLight, Light, PolygonLight, RectLight, SphereLight
+from softshadow.light import DiskLight, PlacedLight, PolygonLight, RectLight, SphereLight
 from softshadow.methods import Method
 from softshadow.render import Image, prepare
 from softshadow.scene import Scene
@@ -82,7 +82,7 @@ class ShadowWidget(AnyWidget):
         self,
         scene: Scene,
         camera: Camera,
-        light: Light,
+        light: PlacedLight,
         methods: Mapping[str, Method],
         method: str,
         what: str,
@@ -108,7 +108,7 @@ class ShadowWidget(AnyWidget):
         self.redraw()
 
     @property
-    def light(self) -> Light:
+    def light(self) -> PlacedLight:
         """The light as it is now."""
         return placed(self._start, self.center, self.width)
 
@@ -218,7 +218,7 @@ class ShadowWidget(AnyWidget):
         return {**data, "image/jpeg": base64.b64encode(self.picture).decode("ascii")}, metadata
 
 
-def width_of(light: Light) -> float:
+def width_of(light: PlacedLight) -> float:
     """Return a light's diameter, or a rectangle's longer edge, in world units.
 
     A polygon's is twice the distance from its centroid to its farthest corner.
@@ -230,7 +230,7 @@ def width_of(light: Light) -> float:
     return 2 * light.radius
 
 
-def placed(light: Light, center: Vector, width: float) -> Light:
+def placed(light: PlacedLight, center: Vector, width: float) -> PlacedLight:
     """Return a light of the same power with another centre and width."""
     factor = width / width_of(light)
     radiance = np.divide(light.radiance, factor**2)

@@ -109,7 +109,7 @@ fn flat(
         Shape::Rect(RectLight { u, .. }) | Shape::Polygon(PolygonLight { u, .. }) => {
             u.try_normalize()
         }
-        Shape::Disk(..) | Shape::Sphere(..) => None,
+        Shape::Disk(..) | Shape::Sphere(..) | Shape::Distant(..) => None,
     };
     let right = right.unwrap_or_else(|| normal.any_orthonormal_vector());
     let rotation = DMat3::from_cols(right, normal.cross(right), normal).transpose();

@@ -84,6 +84,10 @@ const PENUMBRA: f64 = 64.0;
 /// How much farther than the last one's the penumbrae of the next window reach.
 const OCTAVE: f64 = 4.0;
 
+/// Distance of a light, local units, from which on it is brought nearer: its direction differs by less than an `f32`'s
+/// ulp across the scene, and depths, of which scales take the difference from 1, keep 24 binary digits.
+const FAR: f64 = (1u64 << 28) as f64;
+
 /// Largest scale of the light's image that is told apart: occluders nearer to the light than a thirtieth of
 /// its distance, where a light's width away is thirty widths on the receiver.
 pub const MOST_SCALE: f64 = 30.0;
@@ -125,6 +129,9 @@ impl Method for Convolution {
     ) -> Result<Box<dyn Prepared>> {
         control.check()?;
         Casters::new(self.name(), geometry.clone(), self.layout.opaque)?;
+        for light in lights {
+            light.check_disk(self.name())?;
+        }
         let atlas = Atlas::new(geometry, lights, self.layout, control)?.fitted();
         Ok(Box::new(Pictures::new(atlas, *self)))
     }
@@ -266,7 +273,7 @@ struct Shadows {
 impl Shadows {
     fn new(atlas: &Atlas, key: Key, side: Side, gatherer: &mut Gatherer) -> Self {
         // What lies in a flat light's plane is behind it.
-        let light = atlas.lights[key.light as usize].lifted();
+        let light = brought(&atlas.lights[key.light as usize].lifted());
         Shadows {
             eye: eye(&light, &side),
             light,
@@ -338,6 +345,16 @@ pub fn convolve(
     let side = Side::new(bounds, up * height.signum());
     let spread = Spread::new(light, &side, light.center());
     layers::convolve(picture, size, &spread, scale, control)
+}
+
+/// A local light, no farther than [`FAR`], along the same line and under the same angle.
+fn brought(light: &Light) -> Light {
+    let scale = FAR / light.center().length();
+    if scale < 1.0 {
+        light.mapped(|p| p * scale, |x| x * scale)
+    } else {
+        light.clone()
+    }
 }
 
 /// The point that hard shadows are cast from: the light's centre, or if that is not over the receiver, halfway

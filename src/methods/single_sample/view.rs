@@ -88,6 +88,14 @@ impl DoubledLight {
                 kind: DoubledOutline::Sphere(2.0 * radius),
                 reach: 2.0 * radius,
             },
+            Shape::Distant(distant) => {
+                let diameter = 2.0 * distant.stand_in().radius;
+                DoubledLight {
+                    target,
+                    kind: DoubledOutline::Sphere(diameter),
+                    reach: diameter,
+                }
+            }
         }
     }
 

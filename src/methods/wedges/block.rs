@@ -92,6 +92,10 @@ impl LightFrame {
     pub fn new(light: &Light) -> Self {
         match &light.shape {
             &Shape::Sphere(SphereLight { center, radius }) => LightFrame::Sphere { center, radius },
+            Shape::Distant(distant) => {
+                let SphereLight { center, radius } = distant.stand_in();
+                LightFrame::Sphere { center, radius }
+            }
             &Shape::Disk(DiskLight {
                 center,
                 normal,

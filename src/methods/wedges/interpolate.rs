@@ -83,7 +83,7 @@ impl PlaneWedge {
             part: match &light.shape {
                 Shape::Rect(light) => shorter(light),
                 Shape::Polygon(polygon) => shorter(&polygon.stand_in()),
-                Shape::Disk(_) | Shape::Sphere(_) => -1.0,
+                Shape::Disk(_) | Shape::Sphere(_) | Shape::Distant(_) => -1.0,
             },
         }
     }

@@ -42,7 +42,7 @@ pub(in crate::python) fn layered_maps<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let (kind, method) = parse("layered_maps", &parameters, name)?;
-    let world = light.0.clone();
+    let world = light.placed("layered_maps")?;
     let scene = scene.shared();
     let (frame, found) = run(py, progress.as_ref(), move |control| {
         let geometry = scene.snapshot_for(std::slice::from_ref(&world))?;
@@ -170,7 +170,7 @@ pub(in crate::python) fn trace_layered_maps<'py>(
         groups.entry(map.group).or_default().push(map.given());
     }
     let groups: Vec<Vec<Given>> = groups.into_values().collect();
-    let world = light.0.clone();
+    let world = light.placed("trace_layered_maps")?;
     let out = run(py, progress.as_ref(), move |control| {
         let frame = match frame {
             Some((origin, unit)) => frame_of(origin, unit)?,

@@ -350,7 +350,10 @@ pub(super) mod kernels {
         }
         // A frame around the light and the point, as a scene that holds both would have.
         let world = light.0.clone();
-        let (low, high) = world.bounds();
+        let (low, high) = match world.as_distant() {
+            None => world.bounds(),
+            Some(_) => (p - 1.0, p + 1.0),
+        };
         let (low, high) = (low.min(p), high.max(p));
         let unit = (high - low).max_element().log2().ceil().exp2();
         let frame = Frame::new(0.5 * (low + high), if unit > 0.0 { unit } else { 1.0 });

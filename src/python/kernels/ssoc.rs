@@ -25,7 +25,7 @@ pub(in crate::python) fn ssoc_maps<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let method = parameters.parse()?;
-    let world = light.0.clone();
+    let world = light.placed("ssoc_maps")?;
     let scene = scene.shared();
     let (frame, found) = run(py, progress.as_ref(), move |control| {
         let geometry = scene.snapshot_for(std::slice::from_ref(&world))?;

@@ -401,7 +401,7 @@ pub(in crate::python) fn convolve_shadow<'py>(
         return Err(Error::parameter("scale", reason).into());
     }
     let picture: Vec<f32> = hidden.iter().copied().collect();
-    let light = light.0.clone();
+    let light = light.placed("convolve_shadow")?;
     let size = size.map(|s| s as u32);
     let flat = run(py, progress.as_ref(), move |control| {
         convolution::convolve(&picture, size, &light, &bounds, scale, control)

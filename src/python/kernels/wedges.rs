@@ -30,7 +30,7 @@ pub(in crate::python) fn wedges<'py>(
     kind: &str,
 ) -> PyResult<Bound<'py, PyDict>> {
     let construction = parse_construction(vertex_angle, kind)?;
-    let world = light.0.clone();
+    let world = light.placed("wedges")?;
     let scene = scene.shared();
     let (frame, found) = run(py, None, move |_| {
         let geometry = scene.snapshot_for(std::slice::from_ref(&world))?;
@@ -90,7 +90,7 @@ pub(in crate::python) fn light_intensity<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Floats<'py>> {
     let method = parameters.parse()?;
-    let (world, light) = (camera.0, light.0.clone());
+    let (world, light) = (camera.0, light.placed("light_intensity")?);
     let scene = scene.shared();
     let flat = run(py, progress.as_ref(), move |control| {
         let geometry = scene.snapshot_for(std::slice::from_ref(&light))?;
