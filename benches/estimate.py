@@ -1,12 +1,10 @@
 """Measures how often `softshadow.estimate_error` holds the true error, and what it takes.
 
-``python benches/estimate.py --parts estimate auto --size 160 --views 3 --seeds 4``
+``python benches/estimate.py --size 160 --views 3 --seeds 4``
 
 Scenes under lights of three sizes are seen from several sides; every picture of each is judged with
 several seeds, and the interval is held against the mean of ``(v - a) (v - b)`` over all pixels, of
-two references with 2048 samples each. *wrong 3* is `ray_traced` with three pixels turned over. The
-part ``auto`` asks `softshadow.Auto` for three errors of the same views, and tells how often they
-are kept.
+two references with 2048 samples each. *wrong 3* is `ray_traced` with three pixels turned over.
 """
 
 from __future__ import annotations
@@ -38,10 +36,6 @@ METHODS = {
     "error 0.01": ss.RayTraced(samples=4096, error=0.01),
     "error 0.004": ss.RayTraced(samples=4096, error=0.004),
 }
-
-
-ERRORS = (0.03, 0.01, 0.004)
-"""What `Auto` is asked for."""
 
 
 def turned(camera: ss.Camera, angle: float) -> ss.Camera:
@@ -102,23 +96,6 @@ def of_estimates(size: int, views: int, seeds: int, scenes: list[str]):
                 }
 
 
-def of_auto(size: int, views: int, seeds: int, scenes: list[str]):
-    """Yield a row a picture by `softshadow.Auto`."""
-    for case, setup, camera, references in seen_from(size, views, scenes, np.random.default_rng(1)):
-        for error in ERRORS:
-            for seed in range(seeds):
-                seed += int(1e5 * error)  # of its own, or one estimate would count three times
-                image = ss.Auto(error, seed=seed).render(setup.scene, camera, setup.light)
-                e = image.error
-                yield {
-                    **{**case, "asked": error, "seed": seed},
-                    **{"true": true_error(image.visibility, references), "rmse": e.rmse},
-                    **{"low": e.low, "high": e.high, "probes": e.probes, "samples": e.samples},
-                    **{"by": image.choice[-1].method.name, "pictures": len(image.choice)},
-                    **{"seconds": image.seconds["frame"], "judging": image.seconds["probes"]},
-                }
-
-
 def summary(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Return coverage, width and cost by some columns."""
     known = rows.assign(
@@ -143,7 +120,6 @@ def report(rows: pd.DataFrame, *by: list[str]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--parts", nargs="+", choices=["estimate", "auto"], default=["estimate"])
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
     parser.add_argument("--size", type=int, default=160, help="pixels a side")
     parser.add_argument("--views", type=int, default=3)
@@ -153,17 +129,8 @@ def main() -> None:
     if options.quick:
         options.size, options.views, options.seeds = 64, 1, 1
     chosen = options.size, options.views, options.seeds, options.scenes
-    if "estimate" in options.parts:
-        table("estimate", of_estimates(*chosen))
-        report(pd.read_csv(RESULTS / "estimate.csv"), ["picture"], ["scene", "light"])
-    if "auto" in options.parts:
-        table("auto", of_auto(*chosen))
-        rows = pd.read_csv(RESULTS / "auto.csv")
-        rows["kept"] = rows.true <= rows.asked
-        report(rows, ["asked"], ["scene", "light"], ["scene", "asked", "by"])
-        print(
-            f"kept: {rows.kept.mean():.3f}, by asked: {rows.groupby('asked').kept.mean().to_dict()}"
-        )
+    table("estimate", of_estimates(*chosen))
+    report(pd.read_csv(RESULTS / "estimate.csv"), ["picture"], ["scene", "light"])
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -56,6 +57,17 @@ def test_render_writes_a_picture_with_light_and_shadow(box, tmp_path, capsys):
     said = capsys.readouterr()
     assert said.out.startswith(f"{out}: visibility, 32x24, RayTraced(samples=8")
     assert "ray_traced: frame" in said.err  # the progress bar
+
+
+def test_auto_tells_the_error_that_it_found(box, tmp_path, capsys):
+    out = tmp_path / "out.npy"
+    arguments = ["--method", "auto", "--set", "error=0.05", "--size", "32x24"]
+    assert cli.main(["render", box, *arguments, "-o", str(out)]) == 0
+    said = capsys.readouterr().out
+    found = re.search(r", error ([\d.e-]+) \(([\d.e-]+) to ([\d.e-]+)\)$", said.strip())
+    rmse, low, high = map(float, found.groups())
+    assert low <= rmse <= high <= 0.05
+    assert np.load(out).shape == (24, 32)
 
 
 def test_render_is_the_python_call(box, tmp_path):

@@ -150,6 +150,75 @@ def test_several_lights_weigh_the_same():
     assert found.rmse**2 == pytest.approx(mean, rel=1e-9)
 
 
+# At points
+
+
+def _points(count=3000):
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.zeros(count)])
+    return points, np.tile([0.0, 0.0, 1.0], (count, 1))
+
+
+@pytest.mark.parametrize("method", ["hard", ss.RayTraced(samples=16)])
+def test_the_interval_holds_the_true_error_at_points(method):
+    scene, (points, normals) = _boards(), _points()
+    seen = ss.visibility(scene, points, normals, LIGHT, method).astype(np.float64)
+    a, b = (
+        ss.visibility(scene, points, normals, LIGHT, ss.RayTraced(samples=4096, seed=s))
+        for s in (5, 6)
+    )
+    true = np.sqrt(((seen - a) * (seen - b)).mean())
+    found = [ss.estimate_error_at(seen, scene, points, normals, LIGHT, seed=s) for s in range(40)]
+    # 95 of 100 promised: fewer than 34 of 40 by chance once in 10,000 times.
+    assert sum(e.low <= true <= e.high for e in found) >= 34
+    squares = np.array([e.rmse**2 for e in found])
+    assert abs(squares.mean() - true**2) < 4 * squares.std() / np.sqrt(len(found))
+
+
+def test_one_wrong_point_is_found():
+    scene, (points, normals) = _ground(), _points()
+    seen = np.ones(len(points))
+    assert ss.estimate_error_at(seen, scene, points, normals, LIGHT).high == 0
+    seen[1234] = 0
+    found = ss.estimate_error_at(seen, scene, points, normals, LIGHT)
+    assert found.rmse == pytest.approx(len(points) ** -0.5, rel=1e-6)
+    assert found.map[1234] == 1
+    assert found.map.sum() == 1
+
+
+def test_points_in_any_number_with_several_lights_and_without_normals():
+    scene, (points, normals) = _boards(), _points(2)
+    lights = [LIGHT, ss.SphereLight((1, 0.5, 2), 0.3)]
+    seen = ss.visibility(scene, points, normals, lights, ss.RayTraced(4096))
+    found = ss.estimate_error_at(seen, scene, points, normals, lights)
+    assert (found.probes, len(found.lights)) == (2, 2)
+    assert found.high < 0.01
+    points[:, 2] = 0.01
+    seen = ss.visibility(scene, points, None, LIGHT, ss.RayTraced(4096))
+    assert ss.estimate_error_at(seen, scene, points, None, LIGHT).high < 0.01
+    none = ss.estimate_error_at(np.zeros(0), scene, points[:0], None, LIGHT)
+    assert (none.rmse, none.high, none.probes, none.map.shape) == (0, 0, 0, (0,))
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"visibility": np.zeros(3)}, ValueError, "visibility: expected .* as the points"),
+        ({"visibility": np.full(4, 2.0)}, ValueError, "from 0 to 1 everywhere"),
+        ({"points": np.zeros((4, 2))}, ValueError, "points"),
+        ({"points": np.full((4, 3), np.nan)}, ValueError, "points"),
+        ({"normals": np.zeros((3, 3))}, ValueError, "normals: expected shape"),
+        ({"scene": None}, TypeError, "scene"),
+        ({"confidence": 1}, ValueError, "confidence"),
+    ],
+)
+def test_bad_points_are_refused(change, error, message):
+    given = {"visibility": np.ones(4), "scene": _ground(), "points": np.zeros((4, 3))}
+    given |= {"normals": np.tile([0.0, 0, 1], (4, 1)), "light": LIGHT}
+    with pytest.raises(error, match=message):
+        ss.estimate_error_at(**(given | change))
+
+
 # Hard cases
 
 

@@ -10,6 +10,7 @@ from shapes import quad
 from small_methods import AT_POINTS, methods
 
 OWN = {
+    "auto": {"error": 0.002},  # its error is what differs
     "ray_traced": {"samples": 64},
     "ssoc": {"resolution": 256},
     "mlsm": {"layers": 4},

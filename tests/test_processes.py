@@ -22,7 +22,8 @@ from small_methods import methods
 LIGHT = ss.RectLight((0, 0, 4), (0, 0.5, 0), (0.5, 0, 0))
 CAMERA = ss.Camera((0, -4, 3), (0, 0, 0.3), width=48, height=32)
 METHOD = ss.RayTraced(samples=16)
-METHODS = methods(ss.method_names(), resolution=256, max_size=128)
+SAME_BITS = {"auto": {"engine": "ray_traced"}}
+METHODS = methods(ss.method_names(), SAME_BITS, resolution=256, max_size=128)
 PATIENCE = 60
 """Seconds after which a child hangs; it needs two."""
 

@@ -271,7 +271,8 @@ def test_a_reference_cannot_be_mitsuba(tmp_path):
 def test_the_study_is_read_and_has_all_methods():
     study = read_study(BENCHES / "study.toml")
     names = {case.method.name.partition(" ")[0] for case in study.cases}
-    assert names == {*ss.method_names(), "mitsuba"}
+    # `auto` is one of two others, whichever takes less: `benches/auto.py` measures it.
+    assert names == {*ss.method_names(), "mitsuba"} - {"auto"}
     assert len({case.scene_name for case in study.cases}) >= 8
     assert len({case.light_name for case in study.cases}) == 5
 

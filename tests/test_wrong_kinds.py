@@ -287,7 +287,8 @@ def test_parameters_are_checked_when_a_method_is_made(name):
             assert type(kept) in (bool, int, float, str, type(None)), (field.name, value)
             assert kept == value, (field.name, value)
             assert not isinstance(value, (bool, np.bool_)) or isinstance(kept, bool)
-            method._to_core()
+            if name != "auto":  # which has no kernel
+                method._to_core()
             assert hash(method) == hash(dataclasses.replace(method))
 
 

@@ -26,12 +26,12 @@ from softshadow._core import (
     UnsupportedError,
     __version__,
 )
-from softshadow.auto import Auto, Step
+from softshadow.auto import Step
 from softshadow.bake import Bake, BakedTexture, Polygon, bake, bake_layout
 from softshadow.camera import Camera
 from softshadow.compare import Comparison, compare
 from softshadow.entries import Curves, Mesh, Spheres
-from softshadow.estimate import ErrorEstimate, estimate_error
+from softshadow.estimate import ErrorEstimate, estimate_error, estimate_error_at
 from softshadow.fronts import front
 from softshadow.light import (
     DiskLight,
@@ -44,6 +44,7 @@ from softshadow.light import (
 from softshadow.loading import Setup, frame, load
 from softshadow.methods import (
     Accumulation,
+    Auto,
     Convolution,
     Counted,
     DeepShadow,
@@ -123,6 +124,7 @@ __all__ = [
     "bake_layout",
     "compare",
     "estimate_error",
+    "estimate_error_at",
     "frame",
     "front",
     "grid",

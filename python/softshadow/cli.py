@@ -324,9 +324,11 @@ def render(
     if seen.ndim == 3 and output.suffix.lower() != ".npy":
         seen = seen.mean(axis=0)
     write(output, seen if what is What.visibility else image.radiance, exposure)
+    error = image.error
+    known = f", error {error.rmse:.2g} ({error.low:.2g} to {error.high:.2g})" if error else ""
     typer.echo(
         f"{output}: {what.value}, {camera.width}x{camera.height}, {configured}, "
-        f"prepare {image.seconds['prepare']:.3g} s, frame {image.seconds['frame']:.3g} s"
+        f"prepare {image.seconds['prepare']:.3g} s, frame {image.seconds['frame']:.3g} s{known}"
     )
 
 

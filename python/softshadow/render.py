@@ -15,12 +15,12 @@ from softshadow.arguments import Bar, Progress, as_points
 from softshadow.camera import Camera
 from softshadow.entries import Mesh, Spheres
 from softshadow.light import Light, LightLike, as_lights, strength
-from softshadow.methods import Method, MethodLike, resolve
+from softshadow.methods import Auto, Method, MethodLike, resolve
 from softshadow.scene import Scene, scene_of
 
 if TYPE_CHECKING:
     from softshadow.auto import Step
-    from softshadow.estimate import ErrorEstimate
+    from softshadow.judging import ErrorEstimate
 
 Png: TypeAlias = bytes
 """A file's contents; the name `bytes` is a field of `Image`."""
@@ -60,9 +60,9 @@ class Image:
         that, with the scene by up to 400 bytes a triangle (measured at a million: 302 for
         ``hard``, 380 for ``ray_traced``), and by 256 bytes a pixel of the image.
     error : ErrorEstimate, optional
-        How wrong it is: of images by `softshadow.Auto`.
+        How wrong it is: of images by ``auto``.
     choice : tuple of Step
-        What `softshadow.Auto` tried, in order; of other images empty.
+        What ``auto`` tried, in order; of other images empty.
     by_rays : float
         The share of pixels and lights that the method answered by rays to all their light samples
         where its own way could not, 0 to 1. Only ``counted`` does that.
@@ -241,15 +241,23 @@ class Prepared:
         """
         if not self.method.points:
             raise ValueError(f"method {self.method.name!r} needs a camera: use render")
+        p, n = self._points(points, normals)
+        with Bar(progress, f"{self.method.name}: visibility") as report:
+            result = self._core.visibility(p, n, report)
+        return result[0] if self._single else result
+
+    @staticmethod
+    def _points(
+        points: npt.ArrayLike, normals: npt.ArrayLike | None
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]:
+        """Return points and normals as the core takes them, checked."""
         p = as_points(points, "points")
         n: npt.NDArray[np.float64] | None = None
         if normals is not None:
             n = checks.numbers(normals, "normals")
             if n.shape != p.shape:
                 raise ValueError(f"normals: expected shape {p.shape} as the points, got {n.shape}")
-        with Bar(progress, f"{self.method.name}: visibility") as report:
-            result = self._core.visibility(p, n, report)
-        return result[0] if self._single else result
+        return p, n
 
     def irradiance(
         self, points: npt.ArrayLike, normals: npt.ArrayLike, progress: Progress = False
@@ -338,7 +346,7 @@ def _prepared(
 def _prepare_again(
     entries: tuple[Mesh | Spheres, ...], light: LightLike, m: Method, instances: str
 ) -> Prepared:
-    return Prepared(scene_of(entries, instances), light, m)
+    return prepare(scene_of(entries, instances), light, m)
 
 
 def prepare(
@@ -372,7 +380,12 @@ def prepare(
     >>> [prepared.render(setup.camera).visibility.shape for _ in range(2)]
     [(2, 24, 32), (2, 24, 32)]
     """
-    return Prepared(scene, light, method, progress)
+    chosen = resolve(method)
+    if isinstance(chosen, Auto):
+        from softshadow.auto import PreparedAuto  # which renders by what stands here
+
+        return PreparedAuto(scene, light, chosen, progress)
+    return Prepared(scene, light, chosen, progress)
 
 
 def render(

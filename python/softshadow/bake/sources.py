@@ -21,7 +21,7 @@ from softshadow.entries import Mesh, Spheres
 from softshadow.extras import needs
 from softshadow.light import Light, LightLike, as_lights, strength
 from softshadow.methods import Accumulation, Method
-from softshadow.render import Prepared, shadowed_irradiance
+from softshadow.render import prepare, shadowed_irradiance
 from softshadow.scene import Scene, mesh_of, scene_of
 
 __all__ = [
@@ -254,7 +254,7 @@ class AtPoints(Job):
         self.bytes = POINT_BYTES * sum(len(p) for p in points)
         bar = Bar(progress, "bake")
         with bar:
-            prepared = Prepared(scene, self.lights, method, bar.part(0, 0.3, "bake: prepare"))
+            prepared = prepare(scene, self.lights, method, bar.part(0, 0.3, "bake: prepare"))
             self.seconds["prepare"] = prepared.seconds["prepare"]
             start = time.perf_counter()
             every = np.concatenate(points), np.concatenate(normals)

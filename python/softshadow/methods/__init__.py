@@ -1,6 +1,7 @@
 """The methods: one frozen dataclass each, holding its parameters, and a table of their names."""
 
 from softshadow.methods.accumulation import Accumulation
+from softshadow.methods.auto import Auto
 from softshadow.methods.base import Method
 from softshadow.methods.convolution import Convolution
 from softshadow.methods.counted import Counted
@@ -16,6 +17,7 @@ from softshadow.methods.wedges import ShadowVolume, Wedges
 
 __all__ = [
     "Accumulation",
+    "Auto",
     "Convolution",
     "Counted",
     "DeepShadow",

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal, TypeAlias, get_args, get_origin, get_
 
 from softshadow import _core, checks
 
-__all__ = ["Method", "check_parameters", "kinds_of"]
+__all__ = ["LEAST_ERROR", "RANGES", "Method", "check_parameters", "kinds_of"]
 
-_RANGES = {
+RANGES = {
     "layers": (1, 64),
     "max_size": (1, 8192),
     "quads": (1, 256),
@@ -24,6 +24,9 @@ _RANGES = {
     "views": (1, 9),
 }
 """Of every parameter that is a whole number; the same name is the same thing in all methods."""
+
+LEAST_ERROR = 1e-4
+"""That methods of the core which take an ``error`` can be asked for."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ def _checked(
     if bool in kinds:
         return checks.flag(value, what)
     if int in kinds:
-        low, high = _RANGES[name]
+        low, high = RANGES[name]
         return checks.integer(value, what, low, high, otherwise)
     if float in kinds:
         return checks.number(value, what, f"a number{otherwise}", finite=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from softshadow.methods.accumulation import Accumulation
+from softshadow.methods.auto import Auto
 from softshadow.methods.base import Method
 from softshadow.methods.convolution import Convolution
 from softshadow.methods.counted import Counted
@@ -23,6 +24,7 @@ METHODS: dict[str, type[Method]] = {
     m.name: m
     for m in (
         Accumulation,
+        Auto,
         Convolution,
         Counted,
         DeepShadow,
@@ -39,7 +41,7 @@ METHODS: dict[str, type[Method]] = {
         Wedges,
     )
 }
-"""A line a method; `softshadow._core` has the same names."""
+"""A line a method; `softshadow._core` has the same names, but for `Auto`."""
 
 MethodLike: TypeAlias = "str | Method"
 """A method's name, or a configured method."""

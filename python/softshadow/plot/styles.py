@@ -31,7 +31,9 @@ def style(method: str, others: list[str]) -> tuple[str, str]:
     if method.startswith(MITSUBA):
         variants = [name for name in others if name.startswith(MITSUBA)]
         return "#000000", "x+12348"[variants.index(method) % 7] if method in variants else "x"
-    names = [*method_names(), *(name for name in others if not name.startswith(MITSUBA))]
+    # What hands other methods over comes last: the others keep what they have in older figures.
+    methods = sorted(method_names(), key=lambda name: name == "auto")
+    names = [*methods, *(name for name in others if not name.startswith(MITSUBA))]
     i = names.index(method) if method in names else 0
     return COLOURS[i % len(COLOURS)], _MARKERS[i % len(_MARKERS)]
 

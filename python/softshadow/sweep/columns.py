@@ -29,6 +29,7 @@ STAGES = (
     *("prepare", "frame", "geometry", "structures", "adjacency", "silhouettes", "wedges"),
     *("maps", "shadow map", "shadow maps", "deep shadow map", "distortion maps"),
     *("reference image", "receivers", "shade", "textures", "denoise"),
+    *("look", "choose", "probes"),
 )
 """As ``image.seconds`` names them; what else a method has is in the column ``more_stages``."""
 
