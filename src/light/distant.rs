@@ -7,7 +7,7 @@
 //! What needs a place, such as the end of a shadow ray, has one at `FARTHEST`, 2⁴⁰ local units. Segments to it are parallel:
 //! an `f32` at that distance has steps of 2¹⁷, so a receiver within the unit changes nothing in a component of more than
 //! 2⁻¹⁶ and less than 2⁻⁴⁰ in the others, where the direction itself has 2⁻²⁴. Light samples start from their receiver, so
-//! that this holds in scenes of any size; a target that receivers share (`hard`, `single_sample`, `convolution`) is off by
+//! that this holds in scenes of any size; a target that receivers share (`hard`, `single_sample`) is off by
 //! their distance from the scene's middle over 2⁴⁰, below an `f32`'s ulp up to 65,536 units.
 //!
 //! Methods that keep depths never see this shape: [`crate::far`] gives them a sphere.

@@ -26,11 +26,12 @@ _Doubles = npt.NDArray[np.float64]
 def unshadowed_irradiance(light: Light, points: npt.ArrayLike, normals: npt.ArrayLike) -> _Doubles:
     """Return the irradiance from a whole light of radiance 1, without occluders, in closed form.
 
-    Lambert's contour formula; the part of the light under the tangent plane is cut off.
+    Lambert's contour formula; the part of the light under the tangent plane is cut off. Of a
+    `DistantLight` it is that of an irradiance of 1 across its direction.
 
     Parameters
     ----------
-    light : RectLight, DiskLight, SphereLight or PolygonLight
+    light : RectLight, DiskLight, SphereLight, PolygonLight or DistantLight
     points, normals : array_like, shape (N, 3)
 
     Returns
@@ -56,11 +57,11 @@ def light_fraction_above(
 ) -> _Doubles:
     """Return the fraction of a light above each point's tangent plane and emitting towards it.
 
-    By area for flat lights, by solid angle for spheres; in closed form.
+    By area for flat lights, by solid angle for spheres and distant lights; in closed form.
 
     Parameters
     ----------
-    light : RectLight, DiskLight, SphereLight or PolygonLight
+    light : RectLight, DiskLight, SphereLight, PolygonLight or DistantLight
     points : array_like, shape (N, 3)
     normals : array_like, shape (N, 3), optional
         None: no tangent plane.
@@ -86,12 +87,13 @@ def light_samples(
 ) -> tuple[_Doubles, _Floats, _Floats]:
     """Return the light points that ``RayTraced(pattern="fixed")`` uses at a point.
 
-    Uniform in area on flat lights, uniform in the solid angle seen from `point` on spheres. Of
+    Uniform in area on flat lights, uniform in the solid angle seen from `point` on spheres and
+    distant lights; points of the latter are 2**40 world units away, in single precision. Of
     ``2 n`` samples, ``n`` are those of ``n`` samples with the same seed.
 
     Parameters
     ----------
-    light : RectLight, DiskLight, SphereLight or PolygonLight
+    light : RectLight, DiskLight, SphereLight, PolygonLight or DistantLight
     point : array_like, shape (3,)
         The receiver.
     samples : int
@@ -105,7 +107,7 @@ def light_samples(
         Irradiance from each sample at radiance 1 onto a surface that faces it; 0 where the light
         does not emit towards the point.
     colours : ndarray, shape (samples, 3), float32
-        Radiance of each sample.
+        Radiance of each sample; of a `DistantLight` its irradiance.
 
     Examples
     --------

@@ -46,7 +46,7 @@ def outer_distances(
         World units.
     normals : array_like, shape (N, 3), or None
         None: no tangent plane.
-    light : RectLight, DiskLight, SphereLight or PolygonLight
+    light : RectLight, DiskLight, SphereLight, PolygonLight or DistantLight
         Of a size of zero: `tau` is 0 or 1.
     method : SingleSample, optional
         For its opacity.

@@ -124,7 +124,7 @@ def ray_offset(scene: Scene, image: Image, light: Light, samples: int = 1024) ->
     scene : Scene
     image : Image
         Of that scene; gives the receivers.
-    light : RectLight, DiskLight, SphereLight or PolygonLight
+    light : RectLight, DiskLight, SphereLight, PolygonLight or DistantLight
     samples : int
         Light samples per receiver and position.
 
