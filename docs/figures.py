@@ -196,9 +196,9 @@ def errors() -> Figure:
 
 def forest() -> Figure:
     """Draw a forest of instances and its visibility."""
-    setup = ss.scenes.forest(560, 400)
+    setup = ss.scenes.forest(370, 264)
     image = ss.render(setup.scene, setup.camera, setup.light, ss.RayTraced(samples=64))
-    figure = Figure(figsize=(10.4, 3.8), layout="constrained")
+    figure = Figure(figsize=(7, 2.7), layout="constrained")
     left, right = figure.subplots(1, 2)
     bright = image.radiance / np.percentile(image.radiance[image.mask], 99)
     left.imshow(np.where(image.mask[..., None], np.clip(bright, 0, 1) ** (1 / 2.2), 1))
