@@ -417,6 +417,27 @@ def test_bits_do_not_depend_on_threads_or_a_scale_of_two(method):
     assert picture(2.0**20) == picture(2.0**-30) == picture()
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_not_traced_changes_no_bit(seed):
+    """Edges are known in all of the square around a polygon, also beside the polygon."""
+    rng = np.random.default_rng(seed)
+    angle, reach = np.sort(rng.uniform(0, 2 * np.pi, 7)), rng.uniform(0.1, 0.7, 7)
+    towards = np.append(rng.normal(size=2) * 0.4, -1)
+    e = np.cross(towards, (1, 0.2, 0.1))
+    e, f = (v / np.linalg.norm(v) for v in (e, np.cross(towards, e)))
+    around = np.outer(reach * np.cos(angle), e) + np.outer(reach * np.sin(angle), f)
+    light = ss.PolygonLight(rng.uniform((-0.4, -0.4, 1.2), (0.4, 0.4, 2)) + around)
+    boards = [quad(p, *rng.normal(size=(2, 3)) * 0.2) for p in rng.uniform(0.2, 0.9, (5, 3)) - 0.2]
+    scene = over_ground(*boards)
+    one, all_of_it = (
+        ss.render(scene, CAMERA, light, ss.RayTraced(samples=64, cull=cull))
+        for cull in (True, False)
+    )
+    assert ((one.visibility > 0) & (one.visibility < 1)).any()
+    assert np.array_equal(one.visibility, all_of_it.visibility)
+    assert np.array_equal(one.radiance, all_of_it.radiance)
+
+
 # ---------------------------------------------------------------- there and back
 
 

@@ -11,7 +11,8 @@
 //! each light's (Minkowski), so as a part of the light never more than those of the worst light alone.
 //!
 //! Flat lights are sampled uniformly in area, spheres uniformly in the solid angle of the cap that
-//! the receiver sees; a distant light is a cap that all receivers share. Disks and caps use Shirley and Chiu's concentric map.
+//! the receiver sees; a distant light is a cap that all receivers share. Disks and caps use Shirley and Chiu's concentric
+//! map, polygons that of their strips (`light::polygon`); a polygon's [`LightProjection`] is that of the rectangle around it.
 //!
 //! Light points are moved off the light towards the receiver's side by [`POINT_OFFSET`] so that an
 //! occluder that touches the light from behind does not hide it.

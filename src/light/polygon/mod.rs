@@ -2,14 +2,14 @@
 //!
 //! A polygon is kept in the frame of its plane: its centroid, and two half axes across each other, the first along
 //! its longest edge, that reach as far as the outline does on either side. Corners then lie in the square [-1, 1]²,
-//! and moving or scaling a light leaves them as they are ([`Outline`]).
+//! and moving or scaling a light leaves them as they are (`Outline`).
 //!
 //! What a plane cuts off is found by Sutherland and Hodgman's clipping. Of an outline with reflex corners it may leave
 //! several parts, with an edge there and back along the plane between them; in sums with signs these cancel, so that
 //! areas and Lambert's formula hold for any outline (tested against the sum over triangles).
 //!
 //! - `outline`: checks, and what is derived from an outline once;
-//! - [`strips`]: an outline cut into trapezoids, and the map from the square onto them, equal in area.
+//! - `strips`: an outline cut into trapezoids, and the map from the square onto them, equal in area.
 
 mod outline;
 pub(crate) mod strips;

@@ -20,6 +20,8 @@
 //! coordinates of their own: per receiver a matrix maps directions to homogeneous coordinates on the light
 //! (for a sphere, on the disk that its outline spans).
 //!
+//! A polygon lies in the square, and is measured by its sides (`polygon.rs`).
+//!
 //! Under a large light most edges lie between two vertices that both hide points of the light (`Inner` in `sector.rs`).
 //! Along a chain of those, sectors add up to the one between the first vertex and the last, and a whole number
 //! of turns; only the triangles are left to sum.
