@@ -301,6 +301,6 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
     done = fresh.run(program)
     assert done.returncode == 0, done.stderr
-    # Kilobytes. Measured: 202 MB with 1,000 trees and 512 x 512 pixels, of which 100 MB are Python
-    # with its packages; the claim is 4 GB. Flattened, 20 trees take 3 GB.
+    # Kilobytes. Measured: 256 MB with 1,000 trees and 512 x 512 pixels, Python and its packages
+    # included; the claim is 4 GB. In one list 20 trees take 1.7 GB.
     assert int(done.stdout) < 0.6e6

@@ -47,6 +47,25 @@ class Scene(Listing):
     rebuilt or refitted where it changes. Scenes can be pickled; ``copy.copy``, ``copy.deepcopy``
     and `copy` make independent ones. A scene equals itself only, since it can change.
 
+    A mesh that is added again, with the same vertices and faces to the last bit, is stored once:
+    the entries are *instances* of it, each with its own look and place. Where more than 4,194,304
+    triangles are repeated so, ``hard`` and ``ray_traced`` leave them where they are stored, and
+    trace them by a hierarchy of two levels, with the same bits; the other methods need all
+    triangles in one list, and refuse.
+
+    Parameters
+    ----------
+    instances : {"auto", "always", "never"}
+        ``"always"``: two levels also where fewer triangles are repeated, for the methods that can.
+        ``"never"``: all triangles in one list, however much memory that takes.
+
+    Raises
+    ------
+    ValueError
+        If `instances` is none of these.
+    TypeError
+        If it is no text.
+
     Examples
     --------
     >>> import softshadow as ss
