@@ -236,6 +236,7 @@ def test_a_file_with_a_bad_face_names_the_mesh(tmp_path):
         (lambda: ss.DiskLight((0, 0, 1), (0, 0, 1), -1), ["DiskLight", "radius", "-1"]),
         (lambda: ss.DiskLight((0, 0, 1), (0, 0, 1), NAN), ["DiskLight", "finite"]),
         (lambda: ss.SphereLight((0, 0, 1), -0.5), ["SphereLight", "radius", "-0.5"]),
+        (lambda: ss.DistantLight((0, 0, 1), 180), ["DistantLight", "angle_deg", "180"]),
         (lambda: ss.SphereLight((0, 0, 1), INF), ["SphereLight", "finite"]),
         (lambda: ss.SphereLight((0, 0, 1), 1, NAN), ["SphereLight.radiance", "finite", "nan"]),
         (lambda: ss.Camera((0, 0, 0), (0, 0, 0)), ["Camera", "same point"]),

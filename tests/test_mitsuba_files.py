@@ -331,7 +331,7 @@ def test_what_is_not_understood_is_listed_once_with_names(tmp_path):
     assert setup.scene.names == ("box", "metal")
     assert setup.scene["box"].albedo == pytest.approx((0.3, 0.3, 0.3))  # of 0.4 and 0.2
     assert setup.camera is None
-    assert setup.lights == ()
+    assert setup.lights == (ss.DistantLight((0, 0, 1), 0),)
     with pytest.warns(UserWarning, match=r"Mitsuba's scene: not understood and left out"):
         ss.mitsuba.from_scene(mi.load_file(str(path), optimize=False))
 

@@ -18,6 +18,7 @@ LIGHTS = [
     ss.RectLight((0, 0, 4), (0, 0.5, 0), (0.5, 0, 0), radiance=(1, 2, 3)),
     ss.DiskLight((0, 0, 4), (0, 0.1, -1), 0.3),
     ss.SphereLight((0.5, 0, 4), 0.3, 2.0),
+    ss.DistantLight((0.5, 0, -1), 2, (1, 2, 3)),
 ]
 CAMERA = ss.Camera((0, -4, 3), (0, 0, 0.3), width=32, height=24)
 MOVED = np.array([[1, 0, 0, 0.4], [0, 0, -1, 0.2], [0, 1, 0, 0.9], [0, 0, 0, 1.0]])

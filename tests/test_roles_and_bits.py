@@ -173,6 +173,7 @@ lights = [
     ss.RectLight((0.3, 0.2, 2.0), (0, 0.9, 0), (0.9, 0, 0)),
     ss.SphereLight((-1, 0.5, 1.5), 0.3),
     ss.DiskLight((0, 2, 1), (0, -2, -1), 0.4),
+    ss.DistantLight((-0.4, 0.2, -1), 12),
 ]
 vertices, faces = geodesic(6)
 for opacity in (0.3, 1.0):
@@ -204,7 +205,7 @@ def _levels():
 
 def test_the_simd_level_changes_no_bit():
     best, *pictures = _run(LEVELS, SOFTSHADOW_SIMD="")
-    assert len(pictures) == 2 * 3 * len(SMALL) + 4
+    assert len(pictures) == 2 * 4 * len(SMALL) + 4
     assert len(set(pictures)) > 50
     levels = _levels()
     assert levels[0] == "fallback"

@@ -13,9 +13,12 @@ def lights() -> tuple[float, float]:
     rect = ss.RectLight([0, 0, 4], np.array([0, 1, 0]), (1, 0, 0), radiance=2)
     disk = ss.DiskLight(center=(0, 0, 4), normal=(0, 0, -1), radius=0.5)
     sphere = ss.SphereLight((0, 0, 4), 0.5, (1, 2, 3))
+    distant = ss.DistantLight((0, 0, -1), irradiance=2)
     either: ss.Light = rect
+    seen = either.irradiance if isinstance(either, ss.DistantLight) else either.radiance
     height: float = rect.center[2] + disk.normal[2] + sphere.center[2] + rect.edge_u[0]
-    brightness: float = sum(rect.radiance) + max(either.radiance) + disk.radius + sphere.radius
+    brightness: float = sum(rect.radiance) + max(seen) + disk.radius + sphere.radius
+    brightness += max(distant.irradiance) + distant.angle_deg
     return height, brightness
 
 

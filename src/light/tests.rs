@@ -219,7 +219,8 @@ fn known_values() {
 
 #[test]
 fn nothing_reaches_the_back_of_a_flat_light_or_the_inside_of_a_sphere() {
-    for light in lights() {
+    // One at infinity has neither.
+    for light in lights().into_iter().filter(|l| l.as_distant().is_none()) {
         let inside = match light.normal() {
             Some(m) => light.center() - 0.1 * m,
             None => light.center() + DVec3::new(0.1, 0.2, 0.3),

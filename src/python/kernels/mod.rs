@@ -350,13 +350,14 @@ pub(super) mod kernels {
         }
         // A frame around the light and the point, as a scene that holds both would have.
         let world = light.0.clone();
-        let (low, high) = match world.as_distant() {
-            None => world.bounds(),
-            Some(_) => (p - 1.0, p + 1.0),
+        let frame = if world.as_distant().is_some() {
+            Frame::new(p, 1.0)
+        } else {
+            let (low, high) = world.bounds();
+            let (low, high) = (low.min(p), high.max(p));
+            let unit = (high - low).max_element().log2().ceil().exp2();
+            Frame::new(0.5 * (low + high), if unit > 0.0 { unit } else { 1.0 })
         };
-        let (low, high) = (low.min(p), high.max(p));
-        let unit = (high - low).max_element().log2().ceil().exp2();
-        let frame = Frame::new(0.5 * (low + high), if unit > 0.0 { unit } else { 1.0 });
         let light = world.to_local(&frame);
         let n = samples as usize;
         let sampler = Sampler::new(light, Pattern::new(n, seed), true);
