@@ -286,7 +286,7 @@ def test_beyond_the_limit_two_levels_or_an_error_that_says_why():
         with pytest.raises(ss.UnsupportedError, match=why) as error:
             ss.render(scene, camera, LIGHT, method)
         assert method in str(error.value) or method in ("pcf",)
-    chosen = ss.Auto(error=0.1).render(scene, camera, LIGHT)
+    chosen = ss.render(scene, camera, LIGHT, ss.Auto(error=0.1))
     assert {step.method.name for step in chosen.choice} == {"ray_traced"}
 
 

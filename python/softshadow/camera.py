@@ -80,11 +80,11 @@ class Camera:
         forward = _unit(view)
         right = np.cross(forward, _unit(u))
         # Below 1e-9 the cross product of two unit vectors is rounding: the image would spin freely.
-        if np.linalg.norm(right) < 1e-9 and up is None:
+        if _length(right) < 1e-9 and up is None:
             right = np.cross(forward, (0.0, 1.0, 0.0))
-        if np.linalg.norm(right) < 1e-9:
+        if _length(right) < 1e-9:
             raise ValueError(f"Camera.up: {u.tolist()} is parallel to the view direction")
-        right = right / np.linalg.norm(right)
+        right = right / _length(right)
         matrix = np.eye(4)
         matrix[:3, 0] = right
         matrix[:3, 1] = np.cross(forward, right)
@@ -224,13 +224,18 @@ class Camera:
         return f"Camera(eye={self.eye.tolist()}, {size}, fov_y={self.fov_y_deg:.4g}°)"
 
 
+def _length(v: npt.NDArray[np.float64]) -> float:
+    """Return the length of a vector, with the same bits on every machine, as BLAS' has not."""
+    return math.sqrt(sum((x * x for x in v.tolist()), 0.0))
+
+
 def _unit(v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return a vector that is not zero at unit length, however long or short it is."""
     with np.errstate(over="ignore", under="ignore"):
-        length = np.linalg.norm(v)
+        length = _length(v)
     if not 1e-150 < length < 1e150:  # beyond, squares lose digits or overflow
         v = v / np.abs(v).max()
-        length = np.linalg.norm(v)
+        length = _length(v)
     result: npt.NDArray[np.float64] = v / length
     return result
 

@@ -350,7 +350,7 @@ def render(
             transparent = description["integrator"]["type"] == "volpath"
             # One call of `direct` takes many light samples; `volpath` takes one, and of a parallel
             # light `direct` counts each in full (3.9.1).
-            parallel = description["light"]["type"] == "directional"
+            parallel = isinstance(one, DistantLight) and one.angle_deg == 0
             batches = samples if transparent or parallel else _divisor(samples, _BATCHES)
             if not centre_rays:
                 batches = _divisor(samples, _BATCHES)
