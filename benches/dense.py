@@ -31,6 +31,9 @@ OWN_SAMPLES = 1024
 OURS = "softshadow"
 """All methods together: the best of them at each error."""
 
+RENDER = f"{MITSUBA}.render"
+"""Mitsuba's own integrator with either sampler: the better of them at each error."""
+
 
 def swept(study: Study, cases: Sequence[Case]) -> pd.DataFrame:
     """Return the table of what is measured, Mitsuba's errors against its own reference.
@@ -65,10 +68,11 @@ def seconds_to(rows: pd.DataFrame, error: float) -> float:
 
 
 def sides(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return a scene's rows by method, and all of ours together."""
+    """Return a scene's rows by method, and all of ours and all films together."""
     found = {str(name): part for name, part in rows.groupby("method", sort=False)}
-    ours = ~rows["method"].astype(str).str.startswith(MITSUBA)
-    return {OURS: rows[ours & (rows["method"] != "hard")], **found}
+    names = rows["method"].astype(str)
+    ours = ~names.str.startswith(MITSUBA) & (names != "hard")
+    return {OURS: rows[ours], RENDER: rows[names.str.endswith(" film")], **found}
 
 
 def times(table: pd.DataFrame) -> pd.DataFrame:
@@ -103,7 +107,8 @@ def tables(table: pd.DataFrame) -> str:
         for _, r in found.iterrows()
     ]
     parts = [facts(table), "### Seconds a frame to an error\n", markdown(head, lines)]
-    for other in (str(s) for s in found["side"].unique() if str(s).startswith(MITSUBA)):
+    others = [str(s) for s in found["side"].unique() if str(s).startswith(MITSUBA)]
+    for other in (s for s in others if not s.endswith(" film")):
         its = ratios(found, other)
         finite = its.to_numpy()[np.isfinite(its.to_numpy())]
         mean, least = np.exp(np.log(finite).mean()), finite.min()

@@ -197,6 +197,23 @@ def test_mitsuba_does_not_see_its_light_and_takes_several():
 
 @needs_mitsuba
 @needs_llvm
+@pytest.mark.parametrize("sampler", ["multijitter", "independent"])
+def test_a_film_has_the_picture_of_shadow_rays_and_a_time_of_its_own(sampler, monkeypatch):
+    monkeypatch.setattr(Direct, "_film_seconds", lambda *_: (1.0, 7.0))
+    rays, film = (
+        Direct(samples=4, sampler=sampler, film=film).render(board(), CAMERA, LIGHT)
+        for film in (False, True)
+    )
+    assert np.array_equal(rays.visibility, film.visibility)
+    assert film.seconds["frame"] == 7.0 > rays.seconds["frame"]
+    monkeypatch.undo()
+    method = Direct(samples=4, sampler=sampler, film=True)
+    assert method.name.endswith(" film")
+    assert 0 < method.render(board(), CAMERA, LIGHT).seconds["frame"] < 7.0
+
+
+@needs_mitsuba
+@needs_llvm
 def test_a_number_of_samples_that_the_sampler_cannot_have_is_an_error():
     with pytest.raises(ValueError, match="multijitter cannot have 7 samples, but 8"):
         Direct(samples=7).render(board(), CAMERA, LIGHT)
