@@ -67,21 +67,18 @@ def seconds_to(rows: pd.DataFrame, error: float) -> float:
     return float(np.exp(np.interp(np.log(error), x, y)))
 
 
-def sides(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Return a scene's rows by method, and all of ours and all films together."""
-    found = {str(name): part for name, part in rows.groupby("method", sort=False)}
-    names = rows["method"].astype(str)
-    ours = ~names.str.startswith(MITSUBA) & (names != "hard")
-    return {OURS: rows[ours], RENDER: rows[names.str.endswith(" film")], **found}
-
-
 def times(table: pd.DataFrame) -> pd.DataFrame:
     """Return seconds to each error, a row a scene and side."""
     lines = []
     for scene, rows in table.groupby("scene", sort=False):
-        for side, its in sides(rows).items():
-            found = {f"{e:g}": seconds_to(its, e) for e in ERRORS}
-            lines.append({"scene": scene, "side": side, **found})
+        methods = {str(m): its for m, its in rows.groupby("method", sort=False) if m != "hard"}
+        found = {m: [seconds_to(its, e) for e in ERRORS] for m, its in methods.items()}
+        ours = [t for m, t in found.items() if not m.startswith(MITSUBA)]
+        films = [t for m, t in found.items() if m.endswith(" film")]
+        best = {OURS: np.min(ours, axis=0), RENDER: np.min(films, axis=0)}
+        for side, seconds in {**best, **found}.items():
+            at = {f"{e:g}": t for e, t in zip(ERRORS, seconds, strict=True)}
+            lines.append({"scene": scene, "side": side, **at})
     return pd.DataFrame(lines)
 
 
