@@ -201,9 +201,12 @@ BIG = ss.Camera(eye=(0, -5, 4), target=(0, 0, 0.3), width=128, height=96)
 
 
 class Clock:
-    """Time that passes only where a method renders: seconds by the method's name."""
+    """Time that passes only where a method renders: seconds by the method's name.
 
-    def __init__(self, monkeypatch, seconds):
+    Those of `flat` take as long for small pictures as for large ones.
+    """
+
+    def __init__(self, monkeypatch, seconds, flat=()):
         self.now = 0.0
         self.rendered = []
         real = MODULE.prepare
@@ -216,7 +219,8 @@ class Clock:
                 def render(self, camera, progress):
                     image = prepared.render(camera)
                     pixels = camera.width * camera.height
-                    frame = seconds[method.name] * pixels / (BIG.width * BIG.height)
+                    share = 1.0 if method.name in flat else pixels / (BIG.width * BIG.height)
+                    frame = seconds[method.name] * share
                     for part in range(1, 1001):
                         clock.now += frame / 1000
                         if progress:
@@ -237,20 +241,35 @@ def test_a_budget_leaves_out_what_is_slow_with_its_estimate(monkeypatch, scene):
     result = ss.compare(scene, BIG, LIGHT, reference=FEW, repeats=1, budget=40)
     assert result.table["method"].tolist() == ["hard", "ray_traced"]
     assert list(result.skipped) == ["wedges"]
-    assert "up to 50 s, as 16x16 pixels took 1 s" in result.skipped["wedges"]
+    assert "up to 50 s, as 32x24 pixels took 3.1 s" in result.skipped["wedges"]
     whole = [name for name, pixels in clock.rendered if pixels == 128 * 96]
     assert whole == ["ray_traced", "ray_traced", "hard"]  # the reference; then the cheapest first
     assert clock.now < 40
 
 
-def test_what_may_take_less_than_its_estimate_is_tried_and_stopped(monkeypatch, scene):
-    """Half of what is left is for it: it takes as long as it says, and is stopped."""
-    clock = Clock(monkeypatch, {"ray_traced": 1.0, "hard": 1.0, "wedges": 100.0})
-    result = ss.compare(scene, BIG, LIGHT, ["hard", "wedges"], FEW, repeats=2, budget=60)
+def test_what_takes_as_long_for_a_small_picture_is_looked_at_closer(monkeypatch, scene):
+    """By the pixels it would take 144 s; two small pictures tell that it takes 3."""
+    clock = Clock(monkeypatch, {"ray_traced": 1.0, "hard": 1.0, "wedges": 3.0}, flat=("wedges",))
+    result = ss.compare(scene, BIG, LIGHT, ["hard", "wedges"], FEW, repeats=1, budget=40)
+    assert result.table["method"].tolist() == ["hard", "wedges"]
+    assert not result.skipped
+    wedges = [pixels for name, pixels in clock.rendered if name == "wedges"]
+    assert wedges == [16 * 16, 32 * 24, 128 * 96]
+
+
+def test_what_takes_longer_than_it_should_is_stopped(monkeypatch, scene):
+    clock = Clock(monkeypatch, {"ray_traced": 1.0, "hard": 1.0, "wedges": 30.0})
+    plain = budget.estimated
+
+    def short(method, *rest):
+        found = plain(method, *rest)
+        return dataclasses.replace(found, most=found.least)
+
+    monkeypatch.setattr(budget, "estimated", short)
+    result = ss.compare(scene, BIG, LIGHT, ["hard", "wedges"], FEW, repeats=1, budget=20)
     assert result.table["method"].tolist() == ["hard"]
-    assert result.table["repeats"].tolist() == [2]
-    assert re.search(r"stopped after 2\d s; up to 100 s", result.skipped["wedges"])
-    assert 25 < clock.now < 40
+    assert re.search(r"stopped after 1\d s; up to 0.6\d s", result.skipped["wedges"])
+    assert clock.now < 21
 
 
 def test_what_is_too_slow_even_to_estimate_is_stopped(monkeypatch, scene):
@@ -301,6 +320,25 @@ def test_the_small_picture_has_the_same_view():
     assert (few.width, few.height) == (64, 48)
     assert np.allclose(few.K[:2] * 8, camera.K[:2])
     assert np.array_equal(few.camera_to_world, camera.camera_to_world)
+
+
+@pytest.mark.parametrize("growth", [1.0, 2.0, 4.0, 9.0])
+def test_how_a_frame_grows_is_told_by_two_small_pictures(growth):
+    camera = ss.Camera(eye=(0, -5, 4), target=(0, 0, 0.3), width=512, height=512)
+    sides = []
+
+    def render(_method, few, _progress):
+        sides.append(few.width)
+        frame = 1.0 if len(sides) == 1 else growth
+        return SimpleNamespace(seconds={"prepare": 1.0, "frame": frame})
+
+    first = budget.estimated(ss.Hard(), camera, render, False)
+    assert (first.least, first.most) == (2.0, 65.0)
+    found = budget.closer(first, ss.Hard(), camera, render, False)
+    assert sides == [64, 128]
+    # A frame, and twice four times the pixels; no more than the pixels grow by.
+    assert found.least == 1.0 + growth
+    assert found.most == pytest.approx(1.0 + growth * min(growth**2, 16.0))
 
 
 @pytest.mark.parametrize("seconds", [0, -1, math.nan, 1e-9])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -100,10 +101,10 @@ class Limit:
             raise OverBudgetError
 
 
-def small(camera: Camera) -> Camera:
+def small(camera: Camera, shrink: int = _SHRINK) -> Camera:
     """Return a camera with the same view and an eighth of the pixels a side, at least 16."""
     width, height = (
-        min(n, max(_SMALLEST, round(n / _SHRINK))) for n in (camera.width, camera.height)
+        min(n, max(_SMALLEST, round(n / shrink))) for n in (camera.width, camera.height)
     )
     scale = np.diag([width / camera.width, height / camera.height, 1.0])
     return Camera.from_matrix(scale @ camera.K, camera.camera_to_world, width, height)
@@ -113,24 +114,23 @@ def small(camera: Camera) -> Camera:
 class Estimate:
     """Seconds of preparing and rendering once, from a small picture's.
 
-    A frame grows at most with the pixels; of methods that draw textures it grows by less.
-
     Attributes
     ----------
     least, most : float
-        Of a frame that does not grow at all, and of one that grows with the pixels.
+        Of a frame that does not grow at all, and of one that grows as is known: with the pixels.
     size : str
         Of the small picture.
+    frame : float
+        Of the small picture, without preparing.
+    pixels : int
+        That it has.
     """
 
     least: float
     most: float
     size: str
-
-    @property
-    def likely(self) -> float:
-        """What lies between, as far from both in proportion."""
-        return math.sqrt(self.least * self.most)
+    frame: float
+    pixels: int
 
     def __str__(self) -> str:
         return f"up to {_plain(self.most)} s, as {self.size} took {_plain(self.least)} s"
@@ -142,7 +142,29 @@ def estimated(method: Method, camera: Camera, render: Render, progress: Progress
     image = render(method, few, progress)
     prepare, frame = image.seconds["prepare"], image.seconds["frame"]
     grown = camera.width * camera.height / (few.width * few.height)
-    return Estimate(prepare + frame, prepare + frame * grown, _size(few))
+    return Estimate(
+        prepare + frame, prepare + frame * grown, _size(few), frame, few.width * few.height
+    )
+
+
+def closer(
+    before: Estimate, method: Method, camera: Camera, render: Render, progress: Progress
+) -> Estimate:
+    """Return an estimate from a picture of twice the side, which tells how a frame grows.
+
+    What draws textures takes nearly as long for a small picture as for a large one.
+    """
+    few = small(camera, _SHRINK // 2)
+    image = render(method, few, progress)
+    prepare, frame = image.seconds["prepare"], image.seconds["frame"]
+    pixels = few.width * few.height
+    more = camera.width * camera.height / pixels
+    grown = more
+    if pixels > before.pixels:
+        # By the same power of the pixels as from the last picture to this one.
+        power = math.log(max(frame / before.frame, 1.0)) / math.log(pixels / before.pixels)
+        grown = more ** min(power, 1.0)
+    return Estimate(prepare + frame, prepare + frame * grown, _size(few), frame, pixels)
 
 
 def _plain(seconds: float) -> str:
@@ -239,11 +261,12 @@ def in_rounds(
                 run.first(label)
             else:
                 slow.append(label)
-    # Those that might take less than they can: the other half of the time is for further rounds.
+    # What a small picture takes long for may take no longer for a large one.
     over = [label for label in run.estimates if label not in run.outcome.images]
-    for label in sorted(over, key=lambda x: run.estimates[x].likely):
-        if run.estimates[label].likely < budget.left / 2:
-            run.try_until(label, budget.left / 2)
+    for label in sorted(over, key=lambda x: run.estimates[x].least):
+        if run.estimates[label].least < budget.left / 4:
+            run.look_closer(label, budget.left / 2)
+            run.first(label)
     run.repeat(repeats)
     return run.outcome
 
@@ -281,24 +304,26 @@ class _Run:
         self.estimates[label] = found
         return True
 
+    def look_closer(self, label: str, limit: float) -> None:
+        """Estimate a method anew, by how it grows; as before if that would take too long."""
+        args = self.methods[label], self.camera, self.render, self.budget.limit(limit)
+        with suppress(OverBudgetError):
+            self.estimates[label] = closer(self.estimates[label], *args)
+
     def first(self, label: str) -> None:
         """Render a method for the first time, if there is time for the most that it may take."""
         if label not in self.estimates:  # it cannot do the scene
             return
         left = max(self.budget.left, 0.0)
-        if self.estimates[label].most <= left:
-            self.try_until(label, left)
-        else:
+        if self.estimates[label].most > left:
             reason = f"over the budget: {self.estimates[label]}; {_plain(left)} s were left"
             self.outcome.skipped[label] = reason
-
-    def try_until(self, label: str, limit: float) -> None:
-        """Render a method for the first time, and stop it after so many seconds."""
+            return
         start = time.perf_counter()
         try:
-            image = self.render(self.methods[label], self.camera, self.budget.limit(limit))
+            image = self.render(self.methods[label], self.camera, self.budget.limit(left))
         except OverBudgetError:
-            reason = f"over the budget: stopped after {_plain(limit)} s; {self.estimates[label]}"
+            reason = f"over the budget: stopped after {_plain(left)} s; {self.estimates[label]}"
             self.outcome.skipped[label] = reason
             return
         except UnsupportedError as error:
