@@ -102,7 +102,7 @@ class Limit:
 
 
 def small(camera: Camera, shrink: int = _SHRINK) -> Camera:
-    """Return a camera with the same view and an eighth of the pixels a side, at least 16."""
+    """Return a camera with the same view and a part of the pixels a side, at least 16."""
     width, height = (
         min(n, max(_SMALLEST, round(n / shrink))) for n in (camera.width, camera.height)
     )
@@ -116,35 +116,40 @@ class Estimate:
 
     Attributes
     ----------
-    least, most : float
-        Of a frame that does not grow at all, and of one that grows as is known: with the pixels.
-    size : str
+    prepare, frame : float
         Of the small picture.
-    frame : float
-        Of the small picture, without preparing.
-    pixels : int
-        That it has.
+    few : Camera
+        That it was rendered with.
+    growth : float
+        How many times as long the whole frame takes at most, as far as is known.
     """
 
-    least: float
-    most: float
-    size: str
+    prepare: float
     frame: float
-    pixels: int
+    few: Camera
+    growth: float
+
+    @property
+    def least(self) -> float:
+        """With a frame that does not grow at all."""
+        return self.prepare + self.frame
+
+    @property
+    def most(self) -> float:
+        """With one that grows as far as is known."""
+        return self.prepare + self.frame * self.growth
 
     def __str__(self) -> str:
-        return f"up to {_plain(self.most)} s, as {self.size} took {_plain(self.least)} s"
+        return f"up to {_plain(self.most)} s, as {_size(self.few)} took {_plain(self.least)} s"
 
 
-def estimated(method: Method, camera: Camera, render: Render, progress: Progress) -> Estimate:
-    """Return what a method will take, from a small picture."""
-    few = small(camera)
-    image = render(method, few, progress)
-    prepare, frame = image.seconds["prepare"], image.seconds["frame"]
-    grown = camera.width * camera.height / (few.width * few.height)
-    return Estimate(
-        prepare + frame, prepare + frame * grown, _size(few), frame, few.width * few.height
-    )
+def estimated(
+    method: Method, camera: Camera, render: Render, progress: Progress, shrink: int = _SHRINK
+) -> Estimate:
+    """Return what a method will take if a frame grows with the pixels, from a small picture."""
+    few = small(camera, shrink)
+    seconds = render(method, few, progress).seconds
+    return Estimate(seconds["prepare"], seconds["frame"], few, _pixels(camera) / _pixels(few))
 
 
 def closer(
@@ -154,22 +159,22 @@ def closer(
 
     What draws textures takes nearly as long for a small picture as for a large one.
     """
-    few = small(camera, _SHRINK // 2)
-    image = render(method, few, progress)
-    prepare, frame = image.seconds["prepare"], image.seconds["frame"]
-    pixels = few.width * few.height
-    more = camera.width * camera.height / pixels
-    grown = more
-    if pixels > before.pixels:
-        # By the same power of the pixels as from the last picture to this one.
-        power = math.log(max(frame / before.frame, 1.0)) / math.log(pixels / before.pixels)
-        grown = more ** min(power, 1.0)
-    return Estimate(prepare + frame, prepare + frame * grown, _size(few), frame, pixels)
+    found = estimated(method, camera, render, progress, _SHRINK // 2)
+    pixels = _pixels(found.few) / _pixels(before.few)
+    if pixels <= 1:
+        return found
+    # By the same power of the pixels as from the last picture to this one.
+    power = math.log(max(found.frame / before.frame, 1.0)) / math.log(pixels)
+    return replace(found, growth=found.growth ** min(power, 1.0))
 
 
 def _plain(seconds: float) -> str:
     """Return two digits of small times, and large ones without an exponent."""
     return f"{seconds:.2g}" if seconds < 99.5 else f"{seconds:.0f}"
+
+
+def _pixels(camera: Camera) -> int:
+    return camera.width * camera.height
 
 
 def _size(camera: Camera) -> str:
