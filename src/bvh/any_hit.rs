@@ -167,18 +167,21 @@ fn traverse<S: Simd, const AXIS: usize>(
                 continue;
             }
         }
-        loop {
-            let Some(segments) = nodes.pop() else {
-                return found;
-            };
-            let Some(word) = nodes.pop() else {
-                return found;
-            };
-            mask = segments as u16 & active;
-            if mask != 0 {
-                child = Child::from_word(word);
-                break;
-            }
+        let Some(next) = next_open(nodes, active) else {
+            return found;
+        };
+        (child, mask) = next;
+    }
+}
+
+/// What [`descend`] has left that segments of `active` have still to visit, and which of them; nothing at the end.
+#[inline(always)]
+pub(super) fn next_open(nodes: &mut Vec<u32>, active: u16) -> Option<(Child, u16)> {
+    loop {
+        let (segments, word) = (nodes.pop()?, nodes.pop()?);
+        let mask = segments as u16 & active;
+        if mask != 0 {
+            return Some((Child::from_word(word), mask));
         }
     }
 }

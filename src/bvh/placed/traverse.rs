@@ -2,7 +2,7 @@
 
 use fearless_simd::{Simd, dispatch};
 
-use super::super::any_hit::{self, Segments, descend};
+use super::super::any_hit::{self, Segments, descend, next_open};
 use super::super::crossed::Crossed;
 use super::super::kept::KeptPacks;
 use super::super::packet::{Packet, Stack, longest_axes};
@@ -167,16 +167,10 @@ fn traverse<S: Simd, M: Meet, const AXIS: usize>(
                 continue;
             }
         }
-        loop {
-            let (Some(segments), Some(word)) = (room.upper.pop(), room.upper.pop()) else {
-                return found;
-            };
-            mask = segments as u16 & !found;
-            if mask != 0 {
-                child = Child::from_word(word);
-                break;
-            }
-        }
+        let Some(next) = next_open(room.upper, !found) else {
+            return found;
+        };
+        (child, mask) = next;
     }
 }
 
@@ -216,15 +210,9 @@ fn inside<S: Simd, M: Meet, const AXIS: usize>(
             (child, mask) = next;
             continue;
         }
-        loop {
-            let (Some(segments), Some(word)) = (room.lower.pop(), room.lower.pop()) else {
-                return found;
-            };
-            mask = segments as u16 & !found;
-            if mask != 0 {
-                child = Child::from_word(word);
-                break;
-            }
-        }
+        let Some(next) = next_open(room.lower, !found) else {
+            return found;
+        };
+        (child, mask) = next;
     }
 }
